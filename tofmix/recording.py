@@ -112,7 +112,7 @@ def samples_a_frame(source: SampleSource) -> int:
     return max(1, source.targets) if isinstance(source, TargetSource) else 1
 
 
-class _Around:
+class SourceAround:
     """A recording that is read from another: its camera, shape and steps are that one's, unless a class says more."""
 
     def __init__(self, source: SampleSource) -> None:
@@ -139,7 +139,7 @@ class _Around:
         return self._source.frame_step
 
 
-class _AroundAmplitudes(_Around):
+class _AroundAmplitudes(SourceAround):
     """Such a recording, with the amplitudes of the other one."""
 
     @property
@@ -331,7 +331,7 @@ class ArrayRecording:
         return self._amplitude[frames, rows]
 
 
-class FrameSpan(_Around):
+class FrameSpan(SourceAround):
     """Some frames of a recording, as a recording of their own; nothing is copied.
 
     Parameters

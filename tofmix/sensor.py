@@ -358,8 +358,6 @@ def with_view(sensor: Sensor, view_deg: tuple[float, float], projection: str, sh
 
     Parameters
     ----------
-    sensor : Sensor
-        The camera.
     view_deg : (float, float)
         Full field of view, horizontal and vertical, degrees.
     projection : {"equiangular", "pinhole"}

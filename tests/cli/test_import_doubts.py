@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.bags import DEPTH, INFO, KINDS, new_bag
 from support.commandline import Tofmix
-from support.files import boards, write_recording
+from support.files import boards, wall_model, write_recording
 
 from tofmix.errors import ExitCode
 
@@ -332,18 +332,6 @@ def test_refusal_of_a_bag_without_a_lens_says_why_it_has_none(tofmix: Tofmix, tm
         assert done.err.count("\n") == 1
 
 
-MODEL = """\
-[sensor]
-profile = "sr4000"
-rows = 4
-cols = 6
-[[surface]]
-name = "wall"
-center_mm = [0.0, 0.0, 3000.0]
-size_mm = [9000.0, 9000.0]
-"""
-
-
 @pytest.fixture
 def metres(tmp_path: Path) -> Path:
     return write_recording(tmp_path / "metres.h5", (boards(40) * 1e-3).astype("f4"))
@@ -364,7 +352,7 @@ def test_metres_without_units_are_refused_by_every_command(
     tofmix: Tofmix, metres: Path, tmp_path: Path, line: str
 ) -> None:
     model, layers = tmp_path / "model.toml", tmp_path / "a.layers.h5"
-    model.write_text(MODEL)
+    model.write_text(wall_model(4, 6, 20))
     view = {"fov_horizontal_deg": 12.0, "fov_vertical_deg": 8.0}
     tofmix.done("estimate", write_recording(tmp_path / "a.h5", boards(40), attributes=view))
     names = {

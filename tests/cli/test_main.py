@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 from man_pages import man_pages
 from support.commandline import Tofmix
-from support.files import boards, write_recording
+from support.files import boards, wall_model, write_recording
 
 from tofmix import __version__
 from tofmix.cli.main import main, unknown_variables
@@ -627,18 +627,7 @@ def test_ctrl_c_before_imports_gives_no_traceback(tmp_path: Path) -> None:
     assert done.stderr == ""
 
 
-MODEL = """\
-[sensor]
-profile = "sr4000"
-rows = 4
-cols = 6
-[recording]
-frames = 20
-[[surface]]
-name = "wall"
-center_mm = [0.0, 0.0, 3000.0]
-size_mm = [9000.0, 9000.0]
-"""
+MODEL = wall_model(4, 6, 20)
 
 
 @pytest.fixture

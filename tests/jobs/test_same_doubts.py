@@ -10,24 +10,13 @@ import h5py
 import numpy as np
 import pytest
 from support.commandline import exit_code, signals_kept
-from support.files import boards, write_recording
+from support.files import boards, wall_model, write_recording
 
 import tofmix as tm
 from tofmix.errors import TofmixError
 
 WIDE = {"noise_range": [500.0, 5000.0], "noise_sigma": [150.0, 150.0]}
-WALL = """\
-[sensor]
-profile = "sr4000"
-rows = 12
-cols = 16
-[recording]
-frames = 40
-[[surface]]
-name = "wall"
-center_mm = [0.0, 0.0, 3000.0]
-size_mm = [9000.0, 9000.0]
-"""
+WALL = wall_model(12, 16, 40)
 
 LEAVING = f"""\
 {WALL.replace("frames", "frame_rate_hz = 1e-3" + chr(10) + "frames")}

@@ -9,7 +9,7 @@ import pytest
 from tofmix.layers import Layers, layer_fields
 from tofmix.optics.projection import beam_directions_of
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.reconciliation.one.unnamed import Unnamed
+from tofmix.reconciliation.one.coordinates import Unnamed
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.simulation.casting.cast import by_neighbours, cast_scene
 from tofmix.simulation.effects.motion import Motion

@@ -1,6 +1,5 @@
 """Frames as they are drawn: events against equation (1), integration on board, the same in however many blocks."""
 
-import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -9,6 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import special, stats
+from support.effect_bench import BOARDS as THREE_BOARDS
+from support.effect_bench import rendering_peak
 
 from tofmix.errors import BadInputError
 from tofmix.simulation import builtin_text
@@ -105,17 +106,9 @@ def test_blocks_follow_each_other(make_model: MakeModel) -> None:
 def test_memory_does_not_grow_with_the_number_of_frames(make_model: MakeModel) -> None:
     model = make_model(*BOARDS)
     truth = cast_scene(model)
-
-    def peak(n_frames: int) -> int:
-        tracemalloc.start()
-        for _ in render_blocks(model, truth, n_frames=n_frames, seed=1, block_frames=50):
-            pass
-        most = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return most
-
-    peak(50)
-    assert peak(2000) < 1.5 * peak(100)
+    rendering_peak(model, truth, 50, block_frames=50)
+    most, few = (rendering_peak(model, truth, frames, block_frames=50) for frames in (2000, 100))
+    assert most < 1.5 * few
 
 
 @pytest.mark.parametrize("option", ["n_frames", "block_frames", "threads", "seed"])
@@ -148,11 +141,6 @@ def test_sensor_is_the_models(make_model: MakeModel) -> None:
 Drawn = tuple[Model, Truth, EventTable, list[EventSamples]]
 FRAMES = 3000
 ALPHA = 1e-3  # one false alarm in a thousand changes of the random stream; a fault is far beyond it
-SURFACES = (
-    Surface(name="near", center_mm=(-490, 0, 2400), size_mm=(1000, 80), pitch_deg=10),
-    Surface(name="middle", center_mm=(512, 0, 3600), size_mm=(1000, 100), reflectivity=0.5),
-    Surface(name="far", center_mm=(0, -250, 4800), size_mm=(900, 500)),
-)
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +157,7 @@ def drawn() -> Drawn:
         integration_time_ms=1.2,
         outlier_probability=0.05,
     )
-    model = Model(sensor=sensor, surfaces=SURFACES)
+    model = Model(sensor=sensor, surfaces=THREE_BOARDS)
     truth = cast_scene(model)
     table = event_table(truth, sensor)
     sigma = table.sigma(sensor.noise_at(1.2))

@@ -41,6 +41,22 @@ def boards(frames: int = 30, rows: int = 4, cols: int = 6, dtype: str = "u2") ->
     return (np.where(far, 3000, 1200) + rng.normal(0, 15, far.shape)).astype(dtype)
 
 
+def wall_model(rows: int, cols: int, frames: int) -> str:
+    """A model of one wall, 3 m ahead of the SR-4000."""
+    return f"""\
+[sensor]
+profile = "sr4000"
+rows = {rows}
+cols = {cols}
+[recording]
+frames = {frames}
+[[surface]]
+name = "wall"
+center_mm = [0.0, 0.0, 3000.0]
+size_mm = [9000.0, 9000.0]
+"""
+
+
 def contents(path: Path) -> dict[str, Any]:
     """The datasets and attributes at the root of a file."""
     with h5py.File(path) as root:

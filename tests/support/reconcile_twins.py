@@ -14,6 +14,7 @@ from scipy.special import ndtr
 from tofmix.noise_shape import NoiseShape
 from tofmix.reconciliation.likelihood.error_shape import ShapeTable
 from tofmix.reconciliation.likelihood.kernel import Sorted
+from tofmix.reconciliation.likelihood.smooth_kernel import LatentEvents
 
 Array = NDArray[np.float64]
 Any_ = NDArray[Any]
@@ -66,16 +67,7 @@ def log_likelihood(
     samples: NDArray[np.uint16],
     pixels: Any_,
     frames: Any_,
-    key: Any_,
-    since: Array,
-    frame_bias: Array,
-    extra_variance: Array,
-    pixel_bias: Array,
-    weight: Array,
-    mean: Array,
-    sigma: Array,
-    rate: Array,
-    lit: Any_,
+    events: LatentEvents,
     invalid: Array,
     random_density: Array,
     step: float,
@@ -85,6 +77,7 @@ def log_likelihood(
     by_frame: Array,
 ) -> None:
     """Twin of `tofmix.reconciliation.likelihood.kernel.log_likelihood`."""
+    key, since, frame_bias, extra_variance, pixel_bias, weight, mean, sigma, rate, lit = events
     value = samples[np.ix_(frames, pixels)].astype(np.float64)
     if value.size == 0:
         return
@@ -137,16 +130,7 @@ def transform(
     samples: NDArray[np.uint16],
     pixels: Any_,
     frames: Any_,
-    key: Any_,
-    since: Array,
-    frame_bias: Array,
-    extra_variance: Array,
-    pixel_bias: Array,
-    weight: Array,
-    mean: Array,
-    sigma: Array,
-    rate: Array,
-    lit: Any_,
+    events: LatentEvents,
     random_share: Array,
     low: float,
     high: float,
@@ -157,6 +141,7 @@ def transform(
     out: NDArray[np.float32],
 ) -> None:
     """Twin of `tofmix.reconciliation.likelihood.kernel.transform`."""
+    key, since, frame_bias, extra_variance, pixel_bias, weight, mean, sigma, rate, lit = events
     value = samples[np.ix_(frames, pixels)].astype(np.float64)
     if value.size == 0:
         return

@@ -13,7 +13,7 @@ that and two wrappers, and does so again for each caller of the function, up to 
 top: most of this is thrown away. Here a callee is translated to LLVM's form and left
 so. It is optimised, and becomes machine code, inside the kernel that Python calls. The
 first estimate takes 26 s instead of 68, later ones 2.30 instead of 2.43 s, and the
-results are the same to the last bit (`tests/benchmarks/jit_linking.py`). This reaches
+results are the same to the last bit. This reaches
 into numba's private parts. So `tofmix.compiled.jit.LINKS_WITH` names the versions of numba that
 it was tried with; with any other, kernels are compiled by numba alone.
 

@@ -205,8 +205,6 @@ def outlier_interval(sensor: Sensor, curve: NoiseCurve) -> tuple[float, float]:
 
     Parameters
     ----------
-    sensor : Sensor
-        The camera.
     curve : NoiseCurve
         sigma(r): between samples, the interval is at least six sigma wide.
 
@@ -236,8 +234,6 @@ def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None, *, at_fol
 
     Parameters
     ----------
-    sensor : Sensor
-        The camera.
     unambiguous_range_mm : float, optional
         Length of the circle that ranges are on, mm; a line without it.
     at_fold : bool

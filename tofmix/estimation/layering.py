@@ -369,8 +369,6 @@ def warm_up(options: EstimateOptions, sensor: Sensor | None = None) -> None:
 
     Parameters
     ----------
-    options : EstimateOptions
-        The estimator's.
     sensor : Sensor, optional
         Whose noise decides which kernels are needed; default: one of Gaussian noise by range.
     """

@@ -23,7 +23,7 @@ from tofmix.compiled.vector import MAD_TO_SIGMA
 from tofmix.estimation.beam import Beam, beam_of, sigma_at
 from tofmix.estimation.samples import FARTHEST_MM, SortedSamples
 from tofmix.layers import LAYER_FIELDS, Layers
-from tofmix.recording import SampleSource
+from tofmix.recording import SampleSource, SourceAround
 from tofmix.sensor import Sensor
 
 CUT_SIGMAS = 4.0
@@ -156,12 +156,12 @@ def fold_layers(layers: Layers, unambiguous_range_mm: float) -> None:
                 values[:] = np.take_along_axis(values, order, axis=-1)
 
 
-class UnrolledSource:
+class UnrolledSource(SourceAround):
     """A recording whose samples are unrolled, without a noise curve: for measuring one.
 
     A pixel's samples in the frames that are read together are taken as one cluster. A cluster across the fold is cut
     after it, and moves to d_u or just beyond; others do not change. A cluster nearer than `range_min_mm`, or than 4 of
-    its sigma, is taken to be at the fold. It is a `tofmix.recording.SampleSource`.
+    its sigma, is taken to be at the fold.
 
     Parameters
     ----------
@@ -172,28 +172,8 @@ class UnrolledSource:
     """
 
     def __init__(self, source: SampleSource, unambiguous_range_mm: float) -> None:
-        self._source = source
+        super().__init__(source)
         self._length = unambiguous_range_mm
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Frames, rows, columns."""
-        return self._source.shape
-
-    @property
-    def sensor(self) -> Sensor:
-        """The camera."""
-        return self._source.sensor
-
-    @property
-    def row_step(self) -> int:
-        """Rows that are stored together."""
-        return self._source.row_step
-
-    @property
-    def frame_step(self) -> int:
-        """Frames that are stored together."""
-        return self._source.frame_step
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Samples (frame, row, col) float32 in mm, NaN where invalid; in [0, 2 d_u)."""

@@ -217,8 +217,6 @@ def reconcile(
     ----------
     recordings : list of (Model, Evidence)
         Of one camera.
-    settings : Settings
-        Options of the search.
     noise : str, Sensor or None
         ``model``, ``measured``, a layers file, or a camera. Without it the model's, and the measured one where the
         model's leaves something unexplained.

@@ -86,8 +86,6 @@ def reference_of_file(path: Path, reporter: Reporter, *, workers: int, others_mm
     ----------
     path : Path
         The recording, or the layers file.
-    reporter : Reporter
-        Receives doubts and notes.
     workers : int
         Threads of the estimate.
     others_mm : float
@@ -130,8 +128,6 @@ def first_frames(path: Path, wanted: float, reporter: Reporter, *, workers: int)
         The recording.
     wanted : float
         A share of its frames, below 1, or a number of frames.
-    reporter : Reporter
-        Receives doubts and notes.
     workers : int
         Threads of the estimate.
 

@@ -283,8 +283,6 @@ def scene_of_file(
     source : Path
         A recording, which is estimated as `tofmix estimate` does; a layers file, whose surfaces are found as
         `tofmix surfaces` does; or a surfaces file.
-    reporter : Reporter
-        Receives doubts and notes.
     window : int
         Number of the window; a recording is one window.
     workers : int

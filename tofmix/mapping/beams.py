@@ -28,8 +28,6 @@ def count_samples(recording: SampleSource, *, start: int, stop: int, block_sampl
 
     Parameters
     ----------
-    recording : SampleSource
-        The recording.
     start, stop : int
         Frames, 0 <= start < stop <= its frames.
     block_samples : int

@@ -11,12 +11,26 @@ For images of any projection the rays are those of the image's nodes.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.optics.cells import fill_patch, patch_direction
+
+
+class SeenLight(NamedTuple):
+    """The samples of all pixels, as `tofmix.mapping.beams.Beams` has them, for kernels."""
+
+    near: FloatArray  # (row, col, layer) float64, as are the next four
+    far: FloatArray
+    clear: FloatArray  # `Beams.clear_to_mm`
+    samples: FloatArray
+    probability: FloatArray  # `Beams.probability_within` a cell
+    no_return: FloatArray  # (row, col) float64
+    lost: FloatArray  # (row, col) float64
+    free_to: float  # mm
 
 
 @jit
@@ -45,28 +59,21 @@ def look(
     col: int,
     part: float,
     span: FloatArray,
-    near: FloatArray,
-    far: FloatArray,
-    clear: FloatArray,
-    samples: FloatArray,
-    probability: FloatArray,
-    no_return: FloatArray,
-    lost: FloatArray,
-    free_to: float,
+    seen: SeenLight,
     light: FloatArray,
 ) -> None:
     """Add a part of one pixel's samples to a cell's `light`: stopped, passed, surest stop, and lost anywhere."""
-    for layer in range(near.shape[2]):
-        if clear[row, col, layer] > span[1]:
-            light[1] += part * samples[row, col, layer]
-        elif near[row, col, layer] <= span[1] and far[row, col, layer] >= span[0]:
-            stopped = part * samples[row, col, layer]
+    for layer in range(seen.near.shape[2]):
+        if seen.clear[row, col, layer] > span[1]:
+            light[1] += part * seen.samples[row, col, layer]
+        elif seen.near[row, col, layer] <= span[1] and seen.far[row, col, layer] >= span[0]:
+            stopped = part * seen.samples[row, col, layer]
             light[0] += stopped
             if stopped > 0.0:
-                light[2] = max(light[2], probability[row, col, layer])
-    if span[1] <= free_to:
-        light[1] += part * no_return[row, col]
-    light[3] += part * lost[row, col]
+                light[2] = max(light[2], seen.probability[row, col, layer])
+    if span[1] <= seen.free_to:
+        light[1] += part * seen.no_return[row, col]
+    light[3] += part * seen.lost[row, col]
 
 
 @jit
@@ -120,19 +127,12 @@ def _look_at_cell(
     rotation: FloatArray,
     width: float,
     height: float,
-    near: FloatArray,
-    far: FloatArray,
-    clear: FloatArray,
-    samples: FloatArray,
-    probability: FloatArray,
-    no_return: FloatArray,
-    lost: FloatArray,
-    free_to: float,
+    seen: SeenLight,
     work: FloatArray,
     light: FloatArray,
 ) -> None:
     """Sum the light of all pixels that see the cell, weighted by the area of the pixel in the cell."""
-    rows, cols = no_return.shape
+    rows, cols = seen.no_return.shape
     left = angles[0] / width + 0.5 * cols
     right = angles[1] / width + 0.5 * cols
     top = angles[2] / height + 0.5 * rows
@@ -158,21 +158,7 @@ def _look_at_cell(
                             + rotation[axis, 2] * math.cos(az) * math.cos(el)
                         )
                     if meets(direction, low, high, span):
-                        look(
-                            row,
-                            col,
-                            dx * dy,
-                            span,
-                            near,
-                            far,
-                            clear,
-                            samples,
-                            probability,
-                            no_return,
-                            lost,
-                            free_to,
-                            light,
-                        )
+                        look(row, col, dx * dy, span, seen, light)
 
 
 @jit
@@ -185,14 +171,7 @@ def count_levels(
     rotation: FloatArray,
     width: float,
     height: float,
-    near: FloatArray,
-    far: FloatArray,
-    clear: FloatArray,
-    samples: FloatArray,
-    probability: FloatArray,
-    no_return: FloatArray,
-    lost: FloatArray,
-    free_to: float,
+    seen: SeenLight,
     out: FloatArray,
 ) -> None:
     """Count the light in some levels of a grid.
@@ -207,12 +186,8 @@ def count_levels(
         Its columns are the sensor's axes in the map's frame.
     width, height : float
         A pixel's extent in azimuth and elevation, rad.
-    near, far, clear, samples, probability : (row, col, layer) float64
-        As in `Beams`.
-    no_return, lost : (row, col) float64
-        As `Beams.samples_no_return` and `Beams.samples_lost`.
-    free_to : float
-        As `Beams.free_to_mm`.
+    seen : SeenLight
+        The samples of all pixels.
     out : (z, x, y, 4) float64
         Zeros; receives samples that stopped, samples that passed, the probability of the surest stop, and lost samples.
     """
@@ -233,24 +208,7 @@ def count_levels(
                 for axis in range(3):
                     nearest += max(low[axis], -high[axis], 0.0) ** 2
                 if nearest <= reach * reach and _outline(low, high, rotation, angles):
-                    _look_at_cell(
-                        angles,
-                        low,
-                        high,
-                        rotation,
-                        width,
-                        height,
-                        near,
-                        far,
-                        clear,
-                        samples,
-                        probability,
-                        no_return,
-                        lost,
-                        free_to,
-                        work,
-                        out[k, i, j],
-                    )
+                    _look_at_cell(angles, low, high, rotation, width, height, seen, work, out[k, i, j])
 
 
 @jit
@@ -260,20 +218,13 @@ def _look_at_image_cell(
     low: FloatArray,
     high: FloatArray,
     rotation: FloatArray,
-    near: FloatArray,
-    far: FloatArray,
-    clear: FloatArray,
-    samples: FloatArray,
-    probability: FloatArray,
-    no_return: FloatArray,
-    lost: FloatArray,
-    free_to: float,
+    seen: SeenLight,
     patch: FloatArray,
     work: FloatArray,
     light: FloatArray,
 ) -> None:
     """Sum the light of all pixels that see the cell, weighted by the part of the pixel's image area in the cell."""
-    rows, cols = no_return.shape
+    rows, cols = seen.no_return.shape
     left = outline[0]
     right = outline[1]
     top = outline[2]
@@ -299,21 +250,7 @@ def _look_at_image_cell(
                             rotation[axis, 0] * ray[0] + rotation[axis, 1] * ray[1] + rotation[axis, 2] * ray[2]
                         )
                     if meets(direction, low, high, span):
-                        look(
-                            row,
-                            col,
-                            dx * dy,
-                            span,
-                            near,
-                            far,
-                            clear,
-                            samples,
-                            probability,
-                            no_return,
-                            lost,
-                            free_to,
-                            light,
-                        )
+                        look(row, col, dx * dy, span, seen, light)
 
 
 @jit
@@ -324,14 +261,7 @@ def count_cells(
     cell: float,
     reach: float,
     rotation: FloatArray,
-    near: FloatArray,
-    far: FloatArray,
-    clear: FloatArray,
-    samples: FloatArray,
-    probability: FloatArray,
-    no_return: FloatArray,
-    lost: FloatArray,
-    free_to: float,
+    seen: SeenLight,
     out: FloatArray,
 ) -> None:
     """Count the light in some cells of a grid.
@@ -344,7 +274,7 @@ def count_cells(
         From `tofmix.mapping.grid.cell_outlines`.
     nodes : (2 rows + 1, 2 cols + 1, 3) float64
         From `tofmix.mapping.grid.image_nodes`.
-    cell, reach, rotation, near, far, clear, samples, probability, no_return, lost, free_to
+    cell, reach, rotation, seen
         As for `tofmix.mapping.kernel.count_levels`.
     out : (n, 4) float64
         Zeros; receives samples that stopped, samples that passed, the probability of the surest stop, and lost samples.
@@ -358,21 +288,4 @@ def count_cells(
             high[axis] = lows[k, axis] + cell
             nearest += max(lows[k, axis], -high[axis], 0.0) ** 2
         if nearest <= reach * reach and outlines[k, 0] < outlines[k, 1]:
-            _look_at_image_cell(
-                outlines[k],
-                nodes,
-                lows[k],
-                high,
-                rotation,
-                near,
-                far,
-                clear,
-                samples,
-                probability,
-                no_return,
-                lost,
-                free_to,
-                patch,
-                work,
-                out[k],
-            )
+            _look_at_image_cell(outlines[k], nodes, lows[k], high, rotation, seen, patch, work, out[k])

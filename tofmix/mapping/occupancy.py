@@ -27,7 +27,7 @@ from scipy.special import betainc
 from tofmix.arrays import ByteArray, Float32Array, FloatArray
 from tofmix.mapping.beams import Beams
 from tofmix.mapping.grid import Pose, VoxelGrid, cell_outlines, image_cone, image_nodes
-from tofmix.mapping.kernel import count_cells, count_levels
+from tofmix.mapping.kernel import SeenLight, count_cells, count_levels
 from tofmix.optics.equiangular import Equiangular
 
 OCCUPIED_THRESH = 0.65
@@ -141,15 +141,15 @@ def _level_counter(beams: Beams, pose: Pose, grid: VoxelGrid) -> Callable[[int, 
     """Function that counts the light of one level, from its number into zeros (x, y, 4)."""
     low = [grid.centres_mm(axis) - grid.cell_mm / 2 - pose.position()[axis] for axis in range(3)]
     rotation, cell, optics = pose.rotation(), grid.cell_mm, beams.optics
-    light = (
-        beams.near_mm,
-        beams.far_mm,
-        beams.clear_to_mm,
-        beams.samples,
-        beams.probability_within(cell),
-        beams.samples_no_return,
-        beams.samples_lost,
-        beams.free_to_mm,
+    seen = SeenLight(
+        near=beams.near_mm,
+        far=beams.far_mm,
+        clear=beams.clear_to_mm,
+        samples=beams.samples,
+        probability=beams.probability_within(cell),
+        no_return=beams.samples_no_return,
+        lost=beams.samples_lost,
+        free_to=beams.free_to_mm,
     )
 
     if isinstance(optics, Equiangular):
@@ -157,7 +157,7 @@ def _level_counter(beams: Beams, pose: Pose, grid: VoxelGrid) -> Callable[[int, 
 
         def count_angles(k: int, out: FloatArray) -> None:
             level = low[2][k : k + 1]
-            count_levels(level, low[0], low[1], cell, beams.reach_mm, rotation, width, height, *light, out[np.newaxis])
+            count_levels(level, low[0], low[1], cell, beams.reach_mm, rotation, width, height, seen, out[np.newaxis])
 
         return count_angles
     nodes = image_nodes(optics, beams.shape)
@@ -167,7 +167,7 @@ def _level_counter(beams: Beams, pose: Pose, grid: VoxelGrid) -> Callable[[int, 
         for i, x in enumerate(low[0]):
             lows = np.column_stack([np.full_like(low[1], x), low[1], np.full_like(low[1], low[2][k])])
             outlines = cell_outlines(optics, beams.shape, lows, cell, rotation, cone)
-            count_cells(lows, outlines, nodes, cell, beams.reach_mm, rotation, *light, out[i])
+            count_cells(lows, outlines, nodes, cell, beams.reach_mm, rotation, seen, out[i])
 
     return count_image
 

@@ -103,8 +103,6 @@ def compile_for(options: EstimateOptions, sensor: Sensor, *, unmixes: bool) -> N
 
     Parameters
     ----------
-    options : EstimateOptions
-        The estimator's.
     sensor : Sensor
         Of the recording.
     unmixes : bool

@@ -70,8 +70,6 @@ def plan_job(
         The recording, with the sensor that is to be used.
     windows : Windows
         Its windows, in frames.
-    options : EstimateOptions
-        The estimator's.
     of_sensor : dict
         Options by which the sensor was chosen, for the record.
 

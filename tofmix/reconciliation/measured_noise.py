@@ -214,8 +214,6 @@ def measured_model(model: Model, evidence: Evidence, sensor: Sensor) -> Model:
 
     Parameters
     ----------
-    model : Model
-        The model.
     evidence : Evidence
         The recording that it is compared with, for its amplitudes.
     sensor : Sensor
@@ -291,8 +289,6 @@ def with_fallback(given: Outcome, measured: Outcome, settings: Settings) -> Reco
     ----------
     given, measured : (Reconciliation, sequence of (Model, Evidence))
         The outcomes, each with its recordings.
-    settings : Settings
-        Options of the search.
     """
     rank = {verdict: place for place, verdict in enumerate(_BEST_FIRST)}
     if rank[measured[0].verified.verdict] >= rank[given[0].verified.verdict]:
@@ -312,8 +308,6 @@ def with_note(measured: Outcome, given: Recordings, settings: Settings) -> Recon
         The outcome with the measured noise, and its recordings.
     given : sequence of (Model, Evidence)
         The recordings with the models as given.
-    settings : Settings
-        Options of the search.
     """
     found, recordings = measured
     place = uneven_noise(given, recordings, found.verified.state, settings.alpha)

@@ -300,10 +300,6 @@ def reconcile(
     ----------
     model : Model
         The model; its own effects stay.
-    evidence : Evidence
-        The recording.
-    settings : Settings
-        Options of the search.
     tick : callable
         Called with each kind that was tried.
     also : sequence of (Model, Evidence)

@@ -358,7 +358,7 @@ def render_comparison(
     The pictures are of `window`, or of the window with most differences.
     """
     template = load_template("comparison.html")
-    drawings = import_module("tofmix.report.figures.comparison_pictures")
+    drawings = import_module("tofmix.report.figures.pictures")
     shown = int(np.argmax(comparison.different_by_window)) if window is None else window
     of_a, of_b = a.read_window(shown), b.read_window(shown)
     circle_mm = common_circle(a, b)

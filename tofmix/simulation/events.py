@@ -136,13 +136,6 @@ def shaped(noise: FloatArray, shape: NoiseShape | None) -> FloatArray:
 def drawn_widths(sensor: CompleteCamera, *, seed: int) -> FloatArray | None:
     """Each pixel's own width, a factor on sigma for a whole recording.
 
-    Parameters
-    ----------
-    sensor : CompleteCamera
-        The camera.
-    seed : int
-        The recording's seed.
-
     Returns
     -------
     (pixel,) float64 or None

@@ -51,8 +51,6 @@ def equation_1(truth: Truth, model: Model) -> Prediction:
     ----------
     truth : Truth
         Result of `tofmix.simulation.casting.cast.cast_scene` for the model.
-    model : Model
-        The model.
 
     References
     ----------

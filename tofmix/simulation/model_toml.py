@@ -113,8 +113,6 @@ def model_text(
 
     Parameters
     ----------
-    sensor : CompleteCamera
-        The camera.
     surfaces : sequence of Surface
         The scene. Lengths are written to a thousandth of a mm, angles to a millionth of a degree.
     recording : RecordingSettings

@@ -81,8 +81,6 @@ def recording_sensor(model: Model, *, averaged: bool = False) -> Sensor:
 
     Parameters
     ----------
-    model : Model
-        The model.
     averaged : bool
         Whether the frames are on-board averages: then integration time and noise are those of the default time. The
         shape and the background are those of single samples: a mean has others, which the recording does not store.
@@ -123,8 +121,6 @@ def render_blocks(
 
     Parameters
     ----------
-    model : Model
-        The model.
     truth : Truth
         Result of `tofmix.simulation.casting.cast.cast_scene` for it.
     n_frames : int

@@ -184,8 +184,6 @@ def angle_changes(
 
     Parameters
     ----------
-    surface : Surface
-        The surface.
     tilts_deg : (float, float)
         Right-handed tilts about its u axis and about its v axis, degrees: the parts of one rotation.
 

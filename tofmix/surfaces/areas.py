@@ -11,7 +11,6 @@ about that. A plane in row and column is fitted to the pixels near by, with a pr
 pixel, with the scatter, is that of the logarithm of the brightness.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -62,8 +61,6 @@ def measure_brightness(
         Of the window.
     label : (node,) int32
         Surface of each.
-    settings : BrightnessSettings
-        Thresholds.
     """
     used = nodes.index >= 0
     alone = used.sum(axis=-1) == 1
@@ -156,18 +153,16 @@ def to_areas(
         Of the leading shape (row, col).
     nodes, linked : Nodes, Linked
         Their nodes, and the surfaces of these.
-    settings : BrightnessSettings
-        Thresholds.
     """
     unmixed = np.zeros(layers.shape, bool) if layers.mixing is None else layers.mixing == int(Mixing.PHASOR)
-    mixed = (shares.count > 1) & ~unmixed
+    mixed = (shares.entries > 1) & ~unmixed
     if law is ShareLaw.AREA:
         return Areas(shares, 0)
     if law is None or layers.amplitude is None:
         return Areas(shares, int(mixed.sum()))
     bright = measure_brightness(layers.amplitude, nodes, linked.label, settings)
     turned = _Turned(shares, bright, _light_of_entries(shares, layers, nodes, linked), settings)
-    at_edge: BoolArray = (shares.count > 0) & ~bright.inside & ~unmixed
+    at_edge: BoolArray = (shares.entries > 0) & ~bright.inside & ~unmixed
     turn = turned.by_detections if law is ShareLaw.DETECTIONS else turned.by_strongest
     told = np.zeros(layers.shape, bool)
     rows, cols = np.nonzero(at_edge)
@@ -187,7 +182,7 @@ def _light_of_entries(shares: Shares, layers: Layers, nodes: Nodes, linked: Link
     light = np.full(shares.label.shape, np.nan)
     for entry in range(layers.max_layers + 1):
         ours: BoolArray = (
-            used & (label == shares.label[:, :, entry : entry + 1]) & (entry < shares.count)[..., np.newaxis]
+            used & (label == shares.label[:, :, entry : entry + 1]) & (entry < shares.entries)[..., np.newaxis]
         )
         whole = np.where(ours, weight, 0.0).sum(axis=-1)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -205,16 +200,16 @@ class _Turned:
 
     def __init__(self, shares: Shares, bright: Brightness, light: FloatArray, settings: BrightnessSettings) -> None:
         arrays = {
-            name: getattr(shares, name).copy() for name in ("count", "label", "inverse", "up_to", "samples", "floor")
+            name: getattr(shares, name).copy() for name in ("entries", "label", "inverse", "up_to", "samples", "floor")
         }
-        self._before, self.shares = shares, replace(shares, **arrays)
+        self._before, self.shares = shares, shares._replace(**arrays)
         self._bright, self._light, self._settings = bright, light, settings
         self._common: list[float] = []
 
     def by_detections(self, row: int, col: int) -> bool:
         """Divide the shares of a pixel by brightness; whether it could be told."""
         before, out = self._before, self.shares
-        count = int(before.count[row, col])
+        count = int(before.entries[row, col])
         label = before.label[row, col, :count]
         if count == 1:
             return self._weigh_single(row, col)
@@ -258,7 +253,7 @@ class _Turned:
     def by_strongest(self, row: int, col: int) -> bool:
         """Tell the area of the returned surface by its amplitude; whether it could be told."""
         before, out = self._before, self.shares
-        count = int(before.count[row, col])
+        count = int(before.entries[row, col])
         label, inverse = before.label[row, col, :count].copy(), before.inverse[row, col, :count].copy()
         light, known = self._light[row, col, :count], label != NO_SURFACE
         if count > _PAIR or not known[0]:
@@ -285,7 +280,7 @@ class _Turned:
                 label, inverse = np.append(label, behind), np.append(inverse, inverse_behind)
                 if inverse_behind > inverse[0]:
                     label, inverse, near = label[::-1], inverse[::-1], missing
-        out.count[row, col] = _PAIR
+        out.entries[row, col] = _PAIR
         out.label[row, col, :_PAIR], out.inverse[row, col, :_PAIR] = label, inverse
         out.up_to[row, col, 0], out.up_to[row, col, 1:] = np.clip(near, 0.0, 1.0), 1.0
         out.floor[row, col] = error
@@ -293,7 +288,7 @@ class _Turned:
 
     def areas(self) -> Shares:
         """The shares, with the part of their variance that pixels near by have in common."""
-        return replace(self.shares, common=float(np.mean(self._common))) if self._common else self.shares
+        return self.shares._replace(common=float(np.mean(self._common))) if self._common else self.shares
 
     def _lights(
         self, row: int, col: int, label: NDArray[np.int32], inverse: FloatArray
@@ -309,7 +304,7 @@ class _Turned:
         own = int(before.label[row, col, 0])
         part = (slice(max(0, row - 1), row + 2), slice(max(0, col - 1), col + 2))
         label, inverse = before.label[part], before.inverse[part]
-        seen = (np.arange(label.shape[-1]) < before.count[part][..., np.newaxis]) & (label != own)
+        seen = (np.arange(label.shape[-1]) < before.entries[part][..., np.newaxis]) & (label != own)
         if not seen.any():
             return NO_SURFACE, 0.0
         values, often = np.unique(label[seen], return_counts=True)

@@ -32,7 +32,8 @@ from tofmix.surfaces.edge_shape import (
     covered,
 )
 from tofmix.surfaces.settings import EdgeSettings
-from tofmix.surfaces.smooth_fits import Shapes
+from tofmix.surfaces.shares import Cuts, Shares
+from tofmix.surfaces.smooth_fits import SurfaceView
 
 
 @borrowing
@@ -190,20 +191,9 @@ def fit_edges(
     which: NDArray[np.int64],
     fits: FloatArray,
     nearer: FloatArray,
-    first_cut: NDArray[np.int32],
-    next_cut: NDArray[np.int32],
-    rows: NDArray[np.int32],
-    cols: NDArray[np.int32],
-    cut_labels: NDArray[np.int32],
-    count: NDArray[np.int32],
-    labels: NDArray[np.int32],
-    inverses: FloatArray,
-    up_to: FloatArray,
-    samples: FloatArray,
-    floor: FloatArray,
-    planes: Shapes,
-    directions: FloatArray,
-    rays: FloatArray,
+    cuts: Cuts,
+    shares: Shares,
+    view: SurfaceView,
     settings: EdgeSettings,
 ) -> None:
     """Fit an edge in each of some pixels.
@@ -216,20 +206,8 @@ def fit_edges(
         The fits, filled; `AGREES` is 0 where none agrees with the shares.
     nearer : (cut, FIT_COLUMNS) float64
         Fits of the cuts that are nearer in their pixels than these, made before; 0 for none.
-    first_cut, next_cut
-        The first cut of each pixel (row, col), and the next one of each cut's pixel; -1: none.
-    rows, cols, cut_labels : (cut,) int32
-        The pixels, and the surface that ends there.
-    count, labels, inverses, up_to, samples, floor
-        Of `Shares`.
-    planes : Shapes
-        Of the surfaces.
-    directions : (row, col, 3) float64
-        Unit vectors d.
-    rays : (row, col, 3, 3) float64
-        Ray through the centre of each pixel, and its change to the next row and to the next column.
-    settings : EdgeSettings
-        Thresholds.
+    cuts, shares, view
+        Of the window.
     """
     size = 2 * settings.longest_run + 1
     pixels = np.empty((size * size, COLUMNS))
@@ -238,21 +216,13 @@ def fit_edges(
     start, line, other, best = np.empty((4, FIT_COLUMNS))
     for cut in which:
         found = collect(
-            cut_labels[cut],
-            rows[cut],
-            cols[cut],
+            cuts.near[cut],
+            cuts.row[cut],
+            cuts.col[cut],
             settings.longest_run,
-            count,
-            labels,
-            inverses,
-            up_to,
-            samples,
-            floor,
-            planes,
-            directions,
-            rays,
-            first_cut,
-            next_cut,
+            shares,
+            view,
+            cuts,
             nearer,
             frame,
             pixels,

@@ -46,10 +46,8 @@ def widened(fits: FloatArray, cuts: Cuts, shares: Shares, settings: EdgeSettings
         From `fit_edges`.
     cuts, shares
         Of the same window.
-    settings : EdgeSettings
-        Thresholds.
     """
-    if not shares.common or not len(cuts):
+    if not shares.common or not len(cuts.row):
         return fits
     length = fits[:, BACK] + fits[:, AHEAD] + 1.0
     # A line of this direction crosses so many pixels on a length of 1.
@@ -73,7 +71,7 @@ def _alike(length: FloatArray, distance: float) -> FloatArray:
 def _excess(fits: FloatArray, cuts: Cuts, shares: Shares, reach: int) -> FloatArray:
     """Variance (cut,) that an edge's pixels show beyond their errors and chance, in units of these."""
     row, col = cuts.row, cuts.col
-    told = (fits[:, AGREES] > 0) & (fits[:, KIND] != BAR) & (cuts.entry == 0) & (shares.count[row, col] > 1)
+    told = (fits[:, AGREES] > 0) & (fits[:, KIND] != BAR) & (cuts.entry == 0) & (shares.entries[row, col] > 1)
     chosen = np.flatnonzero(told)
     out = np.zeros(len(fits))
     if not chosen.size:

@@ -8,9 +8,6 @@ The pixels around an edge: their places in its pixel's plane, and the shares of 
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
 from tofmix.compiled.plane import dot
@@ -40,7 +37,8 @@ from tofmix.surfaces.edge_shape import (
     predict,
 )
 from tofmix.surfaces.settings import EdgeSettings
-from tofmix.surfaces.smooth_fits import Shapes, inverse_of
+from tofmix.surfaces.shares import Cuts, Shares
+from tofmix.surfaces.smooth_fits import SurfaceView, inverse_of
 
 
 @borrowing
@@ -48,26 +46,22 @@ def share_of(
     label: int,
     row: int,
     col: int,
-    count: NDArray[np.int32],
-    labels: NDArray[np.int32],
-    inverses: FloatArray,
-    up_to: FloatArray,
-    planes: Shapes,
-    directions: FloatArray,
+    shares: Shares,
+    view: SurfaceView,
 ) -> float:
     """Share (0 to 1) that a surface and all nearer ones have in a pixel; -1 if unknown.
 
     In a pixel without the surface the share is 0 if all its surfaces are farther than the surface would be there;
     nearer surfaces hide it.
     """
-    entries = count[row, col]
+    entries = shares.entries[row, col]
     if entries == 0:
         return -1.0
     for k in range(entries):
-        if labels[row, col, k] == label:
-            return float(up_to[row, col, k])
+        if shares.label[row, col, k] == label:
+            return float(shares.up_to[row, col, k])
     # Entries are near to far: if the nearest is farther than the surface, all are.
-    return 0.0 if inverses[row, col, 0] < inverse_of(planes, label, row, col, directions) else -1.0
+    return 0.0 if shares.inverse[row, col, 0] < inverse_of(view.planes, label, row, col, view.directions) else -1.0
 
 
 @borrowing
@@ -76,28 +70,20 @@ def collect(
     row: int,
     col: int,
     reach: int,
-    count: NDArray[np.int32],
-    labels: NDArray[np.int32],
-    inverses: FloatArray,
-    up_to: FloatArray,
-    samples: FloatArray,
-    floor: FloatArray,
-    planes: Shapes,
-    directions: FloatArray,
-    rays: FloatArray,
-    first_cut: NDArray[np.int32],
-    next_cut: NDArray[np.int32],
+    shares: Shares,
+    view: SurfaceView,
+    cuts: Cuts,
     nearer: FloatArray,
     frame: FloatArray,
     pixels: FloatArray,
 ) -> int:
     """Fill `pixels` with those around (row, col) with a known share of a surface; return their number.
 
-    The pixel itself comes first. `rays` is (row, col, 3, 3): the ray of the centre, and its change down and across;
-    `frame` (3, 3) is filled with the rows that give x, y and 1 of a ray in the pixel's own plane.
+    The pixel itself comes first. `frame` (3, 3) is filled with the rows that give x, y and 1 of a ray in the pixel's
+    own plane.
     """
-    to_plane(rays[row, col], frame)
-    rows, cols = count.shape
+    to_plane(view.rays[row, col], frame)
+    rows, cols = shares.entries.shape
     found = 0
     for step in range((2 * reach + 1) * (2 * reach + 1) + 1):
         r, c = row, col
@@ -106,11 +92,11 @@ def collect(
             c = col - reach + (step - 1) % (2 * reach + 1)
             if (r == row and c == col) or r < 0 or c < 0 or r >= rows or c >= cols:
                 continue
-        share = share_of(label, r, c, count, labels, inverses, up_to, planes, directions)
+        share = share_of(label, r, c, shares, view)
         if share < 0.0:
             continue
         one = pixels[found]
-        ray = rays[r, c]
+        ray = view.rays[r, c]
         depth = dot(frame[2], ray[0])
         if depth <= 0.0:
             continue
@@ -119,10 +105,10 @@ def collect(
             change = dot(frame[2], ray[1 + k])
             one[X_ROW + 2 * k] = (dot(frame[0], ray[1 + k]) - one[X] * change) / depth
             one[Y_ROW + 2 * k] = (dot(frame[1], ray[1 + k]) - one[Y] * change) / depth
-        one[SHARE], one[SAMPLES], one[FLOOR] = share, samples[r, c], floor[r, c]
+        one[SHARE], one[SAMPLES], one[FLOOR] = share, shares.samples[r, c], shares.floor[r, c]
         one[HIDES] = 0.0
-        if labels[r, c, 0] != label and share > 0.0:
-            known = _hide(label, r, c, labels, first_cut, next_cut, nearer, one)
+        if shares.label[r, c, 0] != label and share > 0.0:
+            known = _hide(label, r, c, shares, cuts, nearer, one)
             if not known and step > 0:
                 continue
         found += 1
@@ -134,16 +120,15 @@ def _hide(
     label: int,
     row: int,
     col: int,
-    labels: NDArray[np.int32],
-    first_cut: NDArray[np.int32],
-    next_cut: NDArray[np.int32],
+    shares: Shares,
+    cuts: Cuts,
     fits: FloatArray,
     pixel: FloatArray,
 ) -> bool:
     """Set the edge of the surface before a label's in its pixel; return whether it is known."""
-    cut, entry = first_cut[row, col], 1
-    while cut >= 0 and labels[row, col, entry] != label:
-        cut = next_cut[cut]
+    cut, entry = cuts.first[row, col], 1
+    while cut >= 0 and shares.label[row, col, entry] != label:
+        cut = cuts.following[cut]
         entry += 1
     if cut < 0 or fits[cut, BACK] == 0.0:
         return False

@@ -75,8 +75,6 @@ def make_nodes(layers: Layers, directions: FloatArray, settings: LinkSettings = 
         Of the leading shape (row, col).
     directions : (row, col, 3) float64
         Unit vectors along the beams.
-    settings : LinkSettings
-        Thresholds.
     """
     used = used_layers(layers, settings.least_probability)
     row, col, layer = np.nonzero(used)

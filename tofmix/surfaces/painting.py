@@ -17,7 +17,7 @@ from tofmix.surfaces.found import NO_SURFACE
 from tofmix.surfaces.regions import FIRST, ONE, REGION_COLUMNS, SHAPE, continue_edge, inside, set_edge
 from tofmix.surfaces.settings import EdgeSettings
 from tofmix.surfaces.shares import Cuts, Shares
-from tofmix.surfaces.smooth_fits import Shapes, inverse_of, inverses_of
+from tofmix.surfaces.smooth_fits import SurfaceView, inverse_of, inverses_of
 
 
 class Painted(NamedTuple):
@@ -36,9 +36,7 @@ def continue_edges(
     fits: FloatArray,
     lines: FloatArray,
     regions: FloatArray,
-    planes: Shapes,
-    directions: FloatArray,
-    rays: FloatArray,
+    view: SurfaceView,
     silent: BoolArray,
     settings: EdgeSettings,
 ) -> Painted:
@@ -48,48 +46,27 @@ def continue_edges(
     ----------
     shares, cuts, fits, lines, regions
         The results so far.
-    planes, directions, rays
-        As for `fit_edges`.
+    view : SurfaceView
+        Of the window.
     silent : (row, col) bool
         Pixels with samples but without known shares.
-    settings : EdgeSettings
-        Thresholds.
 
     Returns
     -------
     Painted
         With a further entry and cut where an edge continues.
     """
-    found, more = _continue(
-        shares.count,
-        shares.label,
-        shares.inverse,
-        shares.samples,
-        shares.floor,
-        cuts.near,
-        cuts.far,
-        cuts.row,
-        cuts.col,
-        cuts.first,
-        cuts.following,
-        fits,
-        lines,
-        planes,
-        directions,
-        rays,
-        silent,
-        settings,
-    )
+    found, more = _continue(shares, cuts, fits, lines, view, silent, settings)
     row, col, near, far = found.T
-    count, first = shares.count.copy(), cuts.first.copy()
+    count, first = shares.entries.copy(), cuts.first.copy()
     label = np.concatenate([shares.label, np.full((*count.shape, 1), NO_SURFACE, np.int32)], axis=2)
     inverse = np.concatenate([shares.inverse, np.zeros((*count.shape, 1))], axis=2)
     for k, surface in enumerate((near, far)):
-        known = inverses_of(planes, surface, row, col, directions)
+        known = inverses_of(view.planes, surface, row, col, view.directions)
         label[row, col, k] = surface
         inverse[row, col, k] = np.where(surface == NO_SURFACE, 0.0, known)
     count[row, col] = 2
-    first[row, col] = np.arange(len(cuts), len(cuts) + len(row))
+    first[row, col] = np.arange(len(cuts.row), len(cuts.row) + len(row))
     both = Cuts(
         row=np.concatenate([cuts.row, row]),
         col=np.concatenate([cuts.col, col]),
@@ -105,26 +82,16 @@ def continue_edges(
 
 @jit
 def _continue(
-    count: NDArray[np.int32],
-    labels: NDArray[np.int32],
-    inverses: FloatArray,
-    samples: FloatArray,
-    floor: FloatArray,
-    near: NDArray[np.int32],
-    far: NDArray[np.int32],
-    cut_rows: NDArray[np.int32],
-    cut_cols: NDArray[np.int32],
-    first_cut: NDArray[np.int32],
-    next_cut: NDArray[np.int32],
+    shares: Shares,
+    cuts: Cuts,
     fits: FloatArray,
     lines: FloatArray,
-    planes: Shapes,
-    directions: FloatArray,
-    rays: FloatArray,
+    view: SurfaceView,
     silent: BoolArray,
     settings: EdgeSettings,
 ) -> tuple[NDArray[np.int32], FloatArray]:
     """Edges that go on: (row, col, near, far), (edge, 4) int32, and their regions."""
+    count = shares.entries
     rows, cols = count.shape
     found = np.empty((rows * cols, 4), np.int32)
     regions = np.zeros((rows * cols, REGION_COLUMNS))
@@ -137,36 +104,38 @@ def _continue(
             longest, hidden = 0.0, NO_SURFACE
             for r in range(max(row - 1, 0), min(row + 2, rows)):
                 for c in range(max(col - 1, 0), min(col + 2, cols)):
-                    cut = first_cut[r, c]
+                    cut = cuts.first[r, c]
                     while cut >= 0:
                         run = fits[cut, BACK] + fits[cut, AHEAD]
                         if fits[cut, AGREES] > 0.0 and run > longest:
                             for side in range(2 if fits[cut, KIND] == BAR else 1):
-                                continue_edge(fits[cut], lines[cut, side], rays[row, col], row - r, col - c, here)
+                                continue_edge(fits[cut], lines[cut, side], view.rays[row, col], row - r, col - c, here)
                                 area = covered(here[0], here[1], here[2])
                                 if area < settings.graze_area or area > 1.0 - settings.graze_area:
                                     continue
-                                behind = far[cut]
+                                behind = cuts.far[cut]
                                 if count[row, col] == 1:
-                                    sees = labels[row, col, 0]
-                                    plane = inverse_of(planes, near[cut], row, col, directions)
-                                    if sees != near[cut]:
+                                    sees = shares.label[row, col, 0]
+                                    plane = inverse_of(view.planes, cuts.near[cut], row, col, view.directions)
+                                    if sees != cuts.near[cut]:
                                         behind = sees
-                                        if inverses[row, col, 0] > plane:
+                                        if shares.inverse[row, col, 0] > plane:
                                             continue  # nearer than the edge's surface, which it hides
-                                    miss = (1.0 if sees == near[cut] else 0.0) - area
-                                    effective = samples[row, col]
-                                    variance = (area * (1.0 - area) + 0.25 / effective) / effective + floor[row, col]
+                                    miss = (1.0 if sees == cuts.near[cut] else 0.0) - area
+                                    effective = shares.samples[row, col]
+                                    variance = (area * (1.0 - area) + 0.25 / effective) / effective + shares.floor[
+                                        row, col
+                                    ]
                                     if miss * miss > settings.graze_sigmas * settings.graze_sigmas * variance:
                                         continue
                                 longest, hidden = run, behind
                                 found[total, 0], found[total, 1] = row, col
-                                found[total, 2], found[total, 3] = near[cut], hidden
+                                found[total, 2], found[total, 3] = cuts.near[cut], hidden
                                 regions[total, SHAPE] = ONE
                                 set_edge(
-                                    regions[total], FIRST, here, fits[cut], row - cut_rows[cut], col - cut_cols[cut]
+                                    regions[total], FIRST, here, fits[cut], row - cuts.row[cut], col - cuts.col[cut]
                                 )
-                        cut = next_cut[cut]
+                        cut = cuts.following[cut]
             if longest > 0.0:
                 total += 1
     return found[:total].copy(), regions[:total].copy()
@@ -176,14 +145,8 @@ def _continue(
 def paint_row(
     row: int,
     factor: int,
-    regions: FloatArray,
-    first_cut: NDArray[np.int32],
-    next_cut: NDArray[np.int32],
-    count: NDArray[np.int32],
-    labels: NDArray[np.int32],
-    inverses: FloatArray,
-    planes: Shapes,
-    directions: FloatArray,
+    painted: Painted,
+    view: SurfaceView,
     fine: FloatArray,
     items: NDArray[np.int32],
     smooth: FloatArray,
@@ -197,14 +160,8 @@ def paint_row(
     ----------
     row, factor : int
         The image row; parts along each side of a pixel.
-    regions, first_cut, next_cut
-        Area of each surface, as for `choose_regions`; a pixel's cuts are near to far.
-    count, labels, inverses
-        Of `Shares`.
-    planes : Shapes
-        Of the surfaces.
-    directions : (row, col, 3) float64
-        Unit vectors through the centres of pixels.
+    painted, view
+        Of the window.
     fine : (factor, cols * factor, 3) float64
         Unit vectors through the centres of the row's parts.
     items : (smooth surface, col) int32
@@ -216,8 +173,8 @@ def paint_row(
     most_off : float
         Relative distance of a layer from its surface's plane beyond which its own range is taken.
     """
-    for col in range(count.shape[1]):
-        entries = count[row, col]
+    for col in range(painted.entries.shape[1]):
+        entries = painted.entries[row, col]
         for part in range(factor * factor):
             i, j = part // factor, part % factor
             v = (j + 0.5) / factor - 0.5
@@ -226,19 +183,19 @@ def paint_row(
             range_fine[i, j], surface_fine[i, j] = np.nan, NO_SURFACE
             if entries == 0:
                 continue
-            entry, cut = 0, first_cut[row, col]
-            while cut >= 0 and entry < entries - 1 and not inside(regions[cut], u, v):
+            entry, cut = 0, painted.cuts.first[row, col]
+            while cut >= 0 and entry < entries - 1 and not inside(painted.regions[cut], u, v):
                 entry += 1
-                cut = next_cut[cut]
-            label = labels[row, col, entry]
+                cut = painted.cuts.following[cut]
+            label = painted.label[row, col, entry]
             if label == NO_SURFACE:
                 continue
-            own = inverses[row, col, entry]
-            there, centre = 0.0, inverse_of(planes, label, row, col, directions)
-            bent = planes.smooth[label]
+            own = painted.inverse[row, col, entry]
+            there, centre = 0.0, inverse_of(view.planes, label, row, col, view.directions)
+            bent = view.planes.smooth[label]
             if bent < 0:
                 for k in range(3):
-                    there += planes.planes[label, k] * fine[i, j, k]
+                    there += view.planes.planes[label, k] * fine[i, j, k]
             elif items[bent, col] >= 0:
                 there = smooth[items[bent, col], part]
             if there <= 0.0 or abs(centre - own) > most_off * own:

@@ -2,7 +2,6 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +19,9 @@ from tofmix.surfaces.linking import Linked, link
 from tofmix.surfaces.nodes import Nodes, make_nodes
 from tofmix.surfaces.painting import continue_edges, paint_row, share_out
 from tofmix.surfaces.regions import choose_regions, ray_lines
-from tofmix.surfaces.settings import DEFAULT_SETTINGS, SurfaceSettings
+from tofmix.surfaces.settings import DEFAULT_SETTINGS, EdgeSettings, SurfaceSettings
 from tofmix.surfaces.shares import Cuts, Shares, make_cuts, make_shares
-from tofmix.surfaces.smooth_fits import SmoothFits, fit_smooth
+from tofmix.surfaces.smooth_fits import SmoothFits, SurfaceView, fit_smooth
 from tofmix.surfaces.smooth_linking import link_smooth
 
 _THREADS, _PARTS = 2, 16
@@ -42,8 +41,6 @@ def reconstruct(
         The camera; its optics place the pixels.
     factor : int
         Parts of a pixel along each side in the fine range image.
-    settings : SurfaceSettings
-        Thresholds.
 
     Raises
     ------
@@ -62,17 +59,14 @@ def reconstruct(
     )
     shares = areas.shares
     cuts = make_cuts(shares, shapes, directions, settings.share)
-    seen = (shares.count, shares.label, shares.inverse, shares.up_to, shares.samples, shares.floor)
-    where = (shapes, directions, rays)
-    fits = widened(_fit(cuts, *seen, *where, settings.edge), cuts, shares, settings.edge)
+    view = SurfaceView(shapes, directions, rays)
+    fits = widened(_fit(cuts, shares, view, settings.edge), cuts, shares, settings.edge)
     lines = ray_lines(
         fits, cuts.row, cuts.col, np.asarray(np.linalg.inv(np.moveaxis(rays[..., [1, 2, 0], :], -1, -2)), np.float64)
     )
-    regions = choose_regions(
-        fits, lines, cuts.row, cuts.col, cuts.near, cuts.first, cuts.following, *seen, *where, settings.edge
-    )
+    regions = choose_regions(fits, lines, cuts, shares, view, settings.edge)
     silent = _silent(layers, shares)
-    painted = continue_edges(shares, cuts, fits, lines, regions, *where, silent, settings.edge)
+    painted = continue_edges(shares, cuts, fits, lines, regions, view, silent, settings.edge)
     range_fine = np.empty((rows * factor, cols * factor), np.float32)
     surface_fine = np.empty((rows * factor, cols * factor), np.int32)
     for row in range(rows):
@@ -81,14 +75,8 @@ def reconstruct(
         paint_row(
             row,
             factor,
-            painted.regions,
-            painted.cuts.first,
-            painted.cuts.following,
-            painted.entries,
-            painted.label,
-            painted.inverse,
-            shapes,
-            directions,
+            painted,
+            view,
             fine,
             *_smooth_parts(smooth_fits, row, fine),
             range_fine[part],
@@ -133,16 +121,14 @@ def _numbers(nodes: Nodes, linked: Linked, kept: int) -> NDArray[np.int32]:
     return np.where(surface < kept, surface, NO_SURFACE).astype(np.int32)
 
 
-def _fit(cuts: Cuts, *arrays: Any) -> FloatArray:  # noqa: ANN401  those of `fit_edges`
+def _fit(cuts: Cuts, shares: Shares, view: SurfaceView, settings: EdgeSettings) -> FloatArray:
     """Fit all cuts, those of nearer surfaces first, in two threads."""
-    fits = np.zeros((len(cuts), FIT_COLUMNS))
+    fits = np.zeros((len(cuts.row), FIT_COLUMNS))
     with ThreadPoolExecutor(_THREADS) as pool:
         for entry in range(int(cuts.entry.max(initial=-1)) + 1):
             which, nearer = np.flatnonzero(cuts.entry == entry), fits.copy()
             jobs = [
-                pool.submit(
-                    fit_edges, part, fits, nearer, cuts.first, cuts.following, cuts.row, cuts.col, cuts.near, *arrays
-                )
+                pool.submit(fit_edges, part, fits, nearer, cuts, shares, view, settings)
                 for part in np.array_split(which, _PARTS)
             ]
             for job in jobs:
@@ -152,7 +138,7 @@ def _fit(cuts: Cuts, *arrays: Any) -> FloatArray:  # noqa: ANN401  those of `fit
 
 def _silent(layers: Layers, shares: Shares) -> BoolArray:
     """Pixels (row, col) with layers but without shares, because their mixing is undecided."""
-    return np.asarray((shares.count == 0) & (layers.n_modes > 0))
+    return np.asarray((shares.entries == 0) & (layers.n_modes > 0))
 
 
 def pixel_rays(optics: Projection, shape: tuple[int, int]) -> FloatArray:

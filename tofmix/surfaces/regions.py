@@ -32,6 +32,7 @@ from tofmix.surfaces.edge_shape import (
     covered_by_both,
 )
 from tofmix.surfaces.settings import EdgeSettings
+from tofmix.surfaces.shares import Cuts, Shares
 from tofmix.surfaces.short_edges import (
     MIDDLE,
     NEAREST,
@@ -49,7 +50,7 @@ from tofmix.surfaces.short_edges import (
     line_in_pixel,
     misfit,
 )
-from tofmix.surfaces.smooth_fits import Shapes
+from tofmix.surfaces.smooth_fits import SurfaceView
 
 ONE, BOTH, EITHER, ALL, ANY = 0, 1, 2, 3, 4
 """A region is one side of an edge; on that side of two edges; of either; of three, as at the end of a strip; or of any
@@ -144,20 +145,9 @@ def _own_region(fit: FloatArray, region: FloatArray) -> None:
 def choose_regions(
     fits: FloatArray,
     lines: FloatArray,
-    rows: NDArray[np.int32],
-    cols: NDArray[np.int32],
-    cut_labels: NDArray[np.int32],
-    first_cut: NDArray[np.int32],
-    next_cut: NDArray[np.int32],
-    count: NDArray[np.int32],
-    labels: NDArray[np.int32],
-    inverses: FloatArray,
-    up_to: FloatArray,
-    samples: FloatArray,
-    floor: FloatArray,
-    planes: Shapes,
-    directions: FloatArray,
-    rays: FloatArray,
+    cuts: Cuts,
+    shares: Shares,
+    view: SurfaceView,
     settings: EdgeSettings,
 ) -> FloatArray:
     """Choose the area of each surface in its pixel.
@@ -166,12 +156,8 @@ def choose_regions(
     ----------
     fits, lines
         From `fit_edges` and `ray_lines`.
-    first_cut : (row, col) int32
-        Number of the first cut of each pixel, -1 without one.
-    next_cut : (cut,) int32
-        Number of the pixel's next cut, -1 after the last. The others are those of `fit_edges`.
-    settings : EdgeSettings
-        Thresholds.
+    cuts, shares, view
+        Of the window.
 
     Returns
     -------
@@ -186,77 +172,40 @@ def choose_regions(
     frame, scratch = np.empty((3, 3)), np.empty((SHORT_SCRATCH, PLACES))
     trial, short = np.empty(SHORT_NUMBERS), np.empty(SHORT_NUMBERS)
     for cut in range(len(fits)):
-        region, row, col = out[cut], rows[cut], cols[cut]
+        region, row, col = out[cut], cuts.row[cut], cuts.col[cut]
         _own_region(fits[cut], region)
         if fits[cut, AGREES] > 0.0 and min(fits[cut, BACK], fits[cut, AHEAD]) >= settings.short_run:
             continue
-        used = _gather(
-            cut, fits, lines, rows, cols, cut_labels, first_cut, next_cut, rays, chosen, sides, local, here, settings
-        )
-        _look(
-            0,
-            NEAREST,
-            cut_labels[cut],
-            row,
-            col,
-            used,
-            chosen,
-            sides,
-            fits,
-            lines,
-            rows,
-            cols,
-            count,
-            labels,
-            inverses,
-            up_to,
-            samples,
-            floor,
-            planes,
-            directions,
-            rays,
-            told,
-            local,
-        )
+        used = _gather(cut, fits, lines, cuts, view.rays, chosen, sides, local, here, settings)
+        _look(0, NEAREST, cut, used, chosen, sides, fits, lines, cuts, shares, view, told, local)
         if fits[cut, AGREES] > 0.0 and told[MIDDLE, 0] < 0.0:
             continue
         own = 0.0
         for place in range(NEAREST):
             if told[place, 0] >= 0.0:
                 r, c = row + PLACE_DOWN[place], col + PLACE_RIGHT[place]
-                area = _own_area(fits[cut], lines[cut], rays[r, c], r - row, c - col, here, there, work)
+                area = _own_area(fits[cut], lines[cut], view.rays[r, c], r - row, c - col, here, there, work)
                 own += misfit(area, told[place])
         least = _best(used, local, told, work, best, settings)
         # An edge that is fitted, and a corner, cost as much: nothing else could be better.
         if 2.0 * settings.corner_gain < min(least, own):
-            _look(
-                NEAREST,
-                PLACES,
-                cut_labels[cut],
+            _look(NEAREST, PLACES, cut, used, chosen, sides, fits, lines, cuts, shares, view, told, local)
+            to_plane(view.rays[row, col], frame)
+            least = _best_short(
+                used,
+                local,
+                told,
+                frame,
+                view.rays,
                 row,
                 col,
-                used,
-                chosen,
-                sides,
-                fits,
-                lines,
-                rows,
-                cols,
-                count,
-                labels,
-                inverses,
-                up_to,
-                samples,
-                floor,
-                planes,
-                directions,
-                rays,
-                told,
-                local,
-            )
-            to_plane(rays[row, col], frame)
-            least = _best_short(
-                used, local, told, frame, rays, row, col, work, scratch, trial, short, best, min(least, own), settings
+                work,
+                scratch,
+                trial,
+                short,
+                best,
+                min(least, own),
+                settings,
             )
         if least < own and not (fits[cut, AGREES] > 0.0 and best[0] == ONE):
             # A neighbour's edge by itself is no better than an own one that agrees.
@@ -265,7 +214,7 @@ def choose_regions(
             for k in range(known):
                 one = chosen[best[1 + k]]
                 at = FIRST if k == 0 else SECOND
-                set_edge(region, at, local[best[1 + k], MIDDLE], fits[one], row - rows[one], col - cols[one])
+                set_edge(region, at, local[best[1 + k], MIDDLE], fits[one], row - cuts.row[one], col - cuts.col[one])
             if best[3] > 0:
                 _set_short(region, SECOND if known == 1 else THIRD_EDGE, short, here)
     return out
@@ -276,11 +225,7 @@ def _gather(
     cut: int,
     fits: FloatArray,
     lines: FloatArray,
-    rows: NDArray[np.int32],
-    cols: NDArray[np.int32],
-    cut_labels: NDArray[np.int32],
-    first_cut: NDArray[np.int32],
-    next_cut: NDArray[np.int32],
+    cuts: Cuts,
     rays: FloatArray,
     chosen: NDArray[np.int64],
     sides: NDArray[np.int64],
@@ -289,16 +234,16 @@ def _gather(
     settings: EdgeSettings,
 ) -> int:
     """Collect edges of the same surface around a cut, those with the longest runs first; return how many."""
-    height, width = first_cut.shape
-    row, col = rows[cut], cols[cut]
+    height, width = cuts.first.shape
+    row, col = cuts.row[cut], cuts.col[cut]
     used = 0
     for longest in range(2 * settings.longest_run, 1, -1):
         for r in range(max(row - settings.around, 0), min(row + settings.around + 1, height)):
             for c in range(max(col - settings.around, 0), min(col + settings.around + 1, width)):
-                other = first_cut[r, c]
+                other = cuts.first[r, c]
                 while other >= 0:
                     fitting = fits[other, AGREES] > 0.0 and int(fits[other, BACK] + fits[other, AHEAD]) == longest
-                    if cut_labels[other] == cut_labels[cut] and fitting:
+                    if cuts.near[other] == cuts.near[cut] and fitting:
                         for side in range(2 if fits[other, KIND] == BAR else 1):
                             continue_edge(fits[other], lines[other, side], rays[row, col], row - r, col - c, here)
                             if used < settings.most_edges and _is_new(here, local, used, settings):
@@ -306,7 +251,7 @@ def _gather(
                                 for i in range(3):
                                     local[used, MIDDLE, i] = here[i]
                                 used += 1
-                    other = next_cut[other]
+                    other = cuts.following[other]
     return used
 
 
@@ -328,25 +273,15 @@ def _is_new(here: FloatArray, local: FloatArray, used: int, settings: EdgeSettin
 def _look(
     begin: int,
     end: int,
-    label: int,
-    row: int,
-    col: int,
+    cut: int,
     used: int,
     chosen: NDArray[np.int64],
     sides: NDArray[np.int64],
     fits: FloatArray,
     lines: FloatArray,
-    rows: NDArray[np.int32],
-    cols: NDArray[np.int32],
-    count: NDArray[np.int32],
-    labels: NDArray[np.int32],
-    inverses: FloatArray,
-    up_to: FloatArray,
-    samples: FloatArray,
-    floor: FloatArray,
-    planes: Shapes,
-    directions: FloatArray,
-    rays: FloatArray,
+    cuts: Cuts,
+    shares: Shares,
+    view: SurfaceView,
     told: FloatArray,
     local: FloatArray,
 ) -> None:
@@ -354,18 +289,20 @@ def _look(
 
     Partly hidden shares are unknown.
     """
+    label, row, col = cuts.near[cut], cuts.row[cut], cuts.col[cut]
     for place in range(begin, end):
         r, c = row + PLACE_DOWN[place], col + PLACE_RIGHT[place]
         told[place, 0] = -1.0
-        if not (0 <= r < count.shape[0] and 0 <= c < count.shape[1]):
+        if not (0 <= r < shares.entries.shape[0] and 0 <= c < shares.entries.shape[1]):
             continue
-        share = share_of(label, r, c, count, labels, inverses, up_to, planes, directions)
-        if share < 0.0 or (share > 0.0 and labels[r, c, 0] != label):
+        share = share_of(label, r, c, shares, view)
+        if share < 0.0 or (share > 0.0 and shares.label[r, c, 0] != label):
             continue
-        told[place, 0], told[place, 1], told[place, 2] = share, samples[r, c], floor[r, c]
+        told[place, 0], told[place, 1], told[place, 2] = share, shares.samples[r, c], shares.floor[r, c]
         for k in range(used):
             one = chosen[k]
-            continue_edge(fits[one], lines[one, sides[k]], rays[r, c], r - rows[one], c - cols[one], local[k, place])
+            ray, down, right = view.rays[r, c], r - cuts.row[one], c - cuts.col[one]
+            continue_edge(fits[one], lines[one, sides[k]], ray, down, right, local[k, place])
 
 
 @borrowing

@@ -3,7 +3,7 @@
 Cuts: where a surface ends within a pixel, or at its border.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +18,13 @@ from tofmix.surfaces.settings import ShareSettings
 from tofmix.surfaces.smooth_fits import Shapes, inverses_of
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Shares:
+class Shares(NamedTuple):
     """The surfaces of each pixel, near to far; open space is the last entry.
 
     Parameters
     ----------
-    count : (row, col) int32
-        Entries of each pixel; 0: unknown.
+    entries : (row, col) int32
+        How many each pixel has; 0: unknown.
     label : (row, col, entry) int32
         Surface of each entry; `NO_SURFACE`: open space.
     inverse : (row, col, entry) float64
@@ -40,7 +39,7 @@ class Shares:
         Part of a share's variance that it has in common with the pixels near by; 0 where shares are counts.
     """
 
-    count: NDArray[np.int32]
+    entries: NDArray[np.int32]
     label: NDArray[np.int32]
     inverse: FloatArray
     up_to: FloatArray
@@ -93,7 +92,7 @@ def make_shares(layers: Layers, nodes: Nodes, linked: Linked, settings: ShareSet
     up_to[closed, last[closed] - 1] = 1.0
     errors = _errors(layers, share, count, total_samples, settings.unseen_share)
     common = settings.common_variance if errors["floor"].any() else 0.0
-    return Shares(count=count, label=label, inverse=inverse, up_to=up_to, common=common, **errors)
+    return Shares(entries=count, label=label, inverse=inverse, up_to=up_to, common=common, **errors)
 
 
 def _errors(
@@ -114,8 +113,7 @@ def _errors(
     return {"samples": np.where(mixed, effective, usual), "floor": floor}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Cuts:
+class Cuts(NamedTuple):
     """The cuts of one window, by row, column, and near to far.
 
     Parameters
@@ -143,10 +141,6 @@ class Cuts:
     entry: NDArray[np.int32]
     margin: FloatArray
 
-    def __len__(self) -> int:
-        """Cuts."""
-        return len(self.row)
-
 
 def make_cuts(shares: Shares, planes: Shapes, directions: FloatArray, settings: ShareSettings) -> Cuts:
     """Make a cut between each two entries of a pixel, and one in each pixel at whose border its only surface ends.
@@ -159,19 +153,17 @@ def make_cuts(shares: Shares, planes: Shapes, directions: FloatArray, settings: 
         Of the surfaces.
     directions : (row, col, 3) float64
         Unit vectors d.
-    settings : ShareSettings
-        Thresholds.
     """
     entries = np.arange(shares.label.shape[2] - 1)
-    row, col, entry = np.nonzero(entries < shares.count[..., np.newaxis] - 1)
+    row, col, entry = np.nonzero(entries < shares.entries[..., np.newaxis] - 1)
     at_border, behind = _borders(shares, planes, directions, settings.crease)
     border = np.nonzero(at_border)
     number = np.arange(len(row) + len(border[0]), dtype=np.int32)
     inner = number[: len(row)]
-    first = np.full(shares.count.shape, -1, np.int32)
+    first = np.full(shares.entries.shape, -1, np.int32)
     first[row[entry == 0], col[entry == 0]] = inner[entry == 0]
     first[border] = number[len(row) :]
-    last = entry == shares.count[row, col] - 2
+    last = entry == shares.entries[row, col] - 2
     return Cuts(
         row=np.concatenate([row, border[0]]).astype(np.int32),
         col=np.concatenate([col, border[1]]).astype(np.int32),
@@ -188,8 +180,8 @@ def _borders(
     shares: Shares, planes: Shapes, directions: FloatArray, crease: float
 ) -> tuple[BoolArray, NDArray[np.int32]]:
     """Pixels (row, col) that one surface fills and next to which it is not seen, and the surface behind it there."""
-    rows, cols = shares.count.shape
-    alone = (shares.count == 1) & (shares.label[..., 0] != NO_SURFACE)
+    rows, cols = shares.entries.shape
+    alone = (shares.entries == 1) & (shares.label[..., 0] != NO_SURFACE)
     found = np.zeros((rows, cols), bool)
     behind = np.full((rows, cols), NO_SURFACE, np.int32)
     places = np.indices((rows, cols))
@@ -198,7 +190,9 @@ def _borders(
         there = (slice(max(0, down), rows - max(0, -down)), slice(max(0, right), cols - max(0, -right)))
         surface = shares.label[here][..., 0]
         plane = inverses_of(planes, surface, places[0][there], places[1][there], directions)
-        ends = alone[here] & (shares.count[there] > 0) & (shares.label[there] != surface[..., np.newaxis]).all(axis=-1)
+        ends = (
+            alone[here] & (shares.entries[there] > 0) & (shares.label[there] != surface[..., np.newaxis]).all(axis=-1)
+        )
         ends &= (plane > 0) & (shares.inverse[there][..., 0] * (1.0 + crease) < plane)
         new = ends & ~found[here]
         behind[here][new] = shares.label[there][..., 0][new]

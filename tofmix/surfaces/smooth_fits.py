@@ -37,6 +37,14 @@ class Shapes(NamedTuple):
     inverse: FloatArray
 
 
+class SurfaceView(NamedTuple):
+    """The surfaces of a window, and where its pixels look, as kernels take them."""
+
+    planes: Shapes
+    directions: FloatArray  # (row, col, 3) float64: Unit vectors d
+    rays: FloatArray  # (row, col, 3, 3) float64: Ray through each centre, and its change to the next row and column
+
+
 def flat(planes: FloatArray) -> Shapes:
     """Surfaces that are all planes (surface, 3)."""
     return Shapes(planes, np.full(len(planes), -1, np.int32), np.zeros((0, 1, 1)))

@@ -49,8 +49,6 @@ def pieces_of(view: View, label: IntArray, settings: LinkSettings) -> IntArray:
         The image.
     label : (pixel,) int64
         Surface of each valid pixel.
-    settings : LinkSettings
-        Thresholds.
     """
     a, b = neighbour_pairs(view.shape)
     joined = view.valid[a] & view.valid[b] & (label[a] == label[b])
@@ -70,8 +68,6 @@ def joined_pieces(view: View, piece: IntArray, settings: LinkSettings) -> IntArr
         The image.
     piece : (pixel,) int64
         From `pieces_of`.
-    settings : LinkSettings
-        Thresholds.
     """
     group = piece.copy()
     known: dict[tuple[int, int], float] = {}
@@ -197,8 +193,6 @@ def link_smooth(
         Planes.
     rays : (row, col, 3, 3) float64
         Ray through the centre of each pixel, and its change to the next row and to the next column.
-    settings : SurfaceSettings
-        Thresholds.
 
     Returns
     -------

@@ -44,8 +44,6 @@ def judge(
         Of the leading shape (row, col), after unmixing.
     evidence : Evidence
         Of the same pixels, from `tofmix.suspicion.evidence`.
-    sensor : Sensor
-        The camera.
     first_frame : int
         First frame of the window.
     circle_mm : float, optional

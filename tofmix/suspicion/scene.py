@@ -158,8 +158,6 @@ def make_scene(
         samples does not count.
     evidence : Evidence
         Of the same pixels.
-    sensor : Sensor
-        The camera.
     circle_mm : float, optional
         Length of the circle that ranges are on, mm.
     """

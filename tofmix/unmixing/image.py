@@ -339,8 +339,6 @@ def make_image(
         K, mm a radian.
     open_space : (row, col) bool
         Pixels that see no surface at all.
-    settings : ImageSettings
-        Thresholds of the errors.
 
     Returns
     -------

@@ -83,8 +83,6 @@ def weigh_planes(
         The pixels that they were judged in.
     members, seeds, planes, spaces
         As `tofmix.unmixing.hypotheses.judge` takes them.
-    settings : UnmixSettings
-        Thresholds.
 
     Returns
     -------

@@ -193,8 +193,6 @@ def unfolded(
         Of folded ranges.
     circle_mm : float
         Length of the circle that they are on, mm.
-    settings : UnfoldingSettings
-        Thresholds.
     """
     near = image.valid & (image.range_mm < 0.5 * circle_mm)
     one, other = _neighbours(image, 1)
@@ -301,8 +299,6 @@ def rewrite(
         Whether all samples at edges are taken as phasor sums, for any measured q.
     circle_mm : float, optional
         Length of the circle that ranges are on, mm.
-    settings : UnmixSettings
-        Thresholds.
 
     Returns
     -------
@@ -436,8 +432,6 @@ def unmix(
         Whether all samples at edges are taken as phasor sums, for any scatter.
     circle_mm : float, optional
         Length of the circle that ranges are on, mm.
-    settings : UnmixSettings
-        Thresholds.
 
     Returns
     -------

@@ -15,6 +15,7 @@ from tofmix.noise_shape import NoiseShape
 from tofmix.reconciliation.likelihood import kernel
 from tofmix.reconciliation.likelihood.error_shape import GAUSSIAN, moves, shape_table
 from tofmix.reconciliation.likelihood.kernel import empty_sums
+from tofmix.reconciliation.likelihood.smooth_kernel import LatentEvents
 
 FRAMES, PIXELS, COMPONENTS, TIMES = 9, 12, 4, 2
 NONE_NEAREST = np.zeros(PIXELS, dtype=bool)
@@ -23,7 +24,7 @@ NONE_NEAREST = np.zeros(PIXELS, dtype=bool)
 RANDOM = np.linspace(1e-6, 3e-6, PIXELS)
 """Density of random values of each pixel, 1/mm."""
 
-Scene: TypeAlias = tuple[Any, Any, Any, Any, Any, Any, Any, Any, Any, Any, Any, Any, Any]
+Scene: TypeAlias = tuple[Any, Any, Any, LatentEvents]
 
 
 def _scene(rng: np.random.Generator, *, step: float, period: float, spread: float) -> tuple[Scene, NDArray[np.float64]]:
@@ -47,16 +48,18 @@ def _scene(rng: np.random.Generator, *, step: float, period: float, spread: floa
         samples.astype(np.uint16),
         np.arange(0, PIXELS, dtype=np.int64),
         np.array([0, 1, 2, 4, 5, 8]),
-        np.array([0] * 5 + [1] * 4),
-        np.linspace(0.0, 1.0, FRAMES),
-        rng.normal(0, 3, FRAMES),
-        np.where(np.arange(FRAMES) % 2, 0.0, 100.0),
-        rng.normal(0, 3, PIXELS),
-        weight,
-        mean,
-        rng.uniform(0.3, 3.0, shape) * spread,
-        rng.normal(0, 2, shape),
-        lit,
+        LatentEvents(
+            np.array([0] * 5 + [1] * 4),
+            np.linspace(0.0, 1.0, FRAMES),
+            rng.normal(0, 3, FRAMES),
+            np.where(np.arange(FRAMES) % 2, 0.0, 100.0),
+            rng.normal(0, 3, PIXELS),
+            weight,
+            mean,
+            rng.uniform(0.3, 3.0, shape) * spread,
+            rng.normal(0, 2, shape),
+            lit,
+        ),
     )
     return scene, rng.uniform(0.0, 0.2, (TIMES, PIXELS))
 
@@ -65,7 +68,7 @@ def test_vectorised_likelihood_equals_the_one_sample_by_sample(rng: np.random.Ge
     scene, invalid = _scene(rng, step=0.0, period=0.0, spread=40.0)
     one, many = empty_sums(FRAMES, PIXELS), empty_sums(FRAMES, PIXELS)
     kernel.any_log_likelihood(*scene, invalid, RANDOM, 0.0, 0.0, GAUSSIAN, *one)
-    chosen = kernel.sort_pixels(scene[1], scene[8], scene[10], invalid, 0.0, 0.0, NONE_NEAREST)
+    chosen = kernel.sort_pixels(scene[1], scene[3].weight, scene[3].sigma, invalid, 0.0, 0.0, NONE_NEAREST)
     assert chosen.others.size == 0
     kernel.log_likelihood(scene[0], chosen, *scene[2:], invalid, RANDOM, 0.0, 0.0, GAUSSIAN, *many)
     for a, b in zip(one, many, strict=True):
@@ -80,7 +83,7 @@ def test_likelihood_slope_and_information_equal_the_twins(
 ) -> None:
     scene, invalid = _scene(rng, step=step, period=period, spread=spread)
     found, wanted = empty_sums(FRAMES, PIXELS), empty_sums(FRAMES, PIXELS)
-    chosen = kernel.sort_pixels(scene[1], scene[8], scene[10], invalid, step, period, NONE_NEAREST)
+    chosen = kernel.sort_pixels(scene[1], scene[3].weight, scene[3].sigma, invalid, step, period, NONE_NEAREST)
     kernel.log_likelihood(scene[0], chosen, *scene[2:], invalid, RANDOM, step, period, GAUSSIAN, *found)
     twins.log_likelihood(*scene, invalid, RANDOM, step, period, GAUSSIAN, *wanted)
     for got, should in zip(found, wanted, strict=True):
@@ -101,10 +104,10 @@ def test_probabilities_of_all_values_of_a_folded_axis_add_up_to_one(mean_mm: flo
     samples = np.arange(1, pixels + 1, dtype=np.uint16)[None]  # each value in a pixel of its own
     one = np.ones((1, 1, pixels))
     frame, still, nothing = np.array([0]), np.zeros(1), np.zeros(pixels)
-    scene = samples, np.arange(pixels), frame, frame, still, still, still, nothing
-    mixture = one, mean_mm * one, 20.0 * one, 0 * one, one > 0
+    events = LatentEvents(frame, still, still, still, nothing, one, mean_mm * one, 20.0 * one, 0 * one, one > 0)
     found = empty_sums(1, pixels)
-    kernel.any_log_likelihood(*scene, *mixture, nothing[None], nothing, 0.0, turn_mm, GAUSSIAN, *found)
+    every = np.arange(pixels)
+    kernel.any_log_likelihood(samples, every, frame, events, nothing[None], nothing, 0.0, turn_mm, GAUSSIAN, *found)
     # the value 0, at most 0.02, is stored as 1; if values beyond the fold counted, the sum would be 1.15 to 2.00
     assert np.exp(found[0][:, 0]).sum() == pytest.approx(1.0, abs=0.02)
 
@@ -116,11 +119,11 @@ def test_samples_nearer_than_1_mm_are_those_stored_as_1(step: float, sigma_mm: f
     samples = np.arange(1, pixels + 1, dtype=np.uint16)[None]
     one = np.ones((1, 1, pixels))
     frame, still, nothing = np.array([0]), np.zeros(1), np.zeros(pixels)
-    scene = frame, frame, still, still, still, nothing, one, 5.0 * one, sigma_mm * one, 0 * one, one > 0
+    events = LatentEvents(frame, still, still, still, nothing, one, 5.0 * one, sigma_mm * one, 0 * one, one > 0)
     found = empty_sums(1, pixels)
     first = samples[0] == 1
-    chosen = kernel.sort_pixels(np.arange(pixels), scene[6], scene[8], nothing[None], step, 0.0, first)
-    kernel.log_likelihood(samples, chosen, *scene, nothing[None], nothing, step, 0.0, GAUSSIAN, *found)
+    chosen = kernel.sort_pixels(np.arange(pixels), one, events.sigma, nothing[None], step, 0.0, first)
+    kernel.log_likelihood(samples, chosen, frame, events, nothing[None], nothing, step, 0.0, GAUSSIAN, *found)
     nearest = 0.5 * step if step > 3 else 1.35 if step else 1.5  # mm, up to which a range is stored as 1
     assert np.exp(found[0][0, 0]) == pytest.approx(stats.norm.cdf(nearest, 5.0, sigma_mm), rel=1e-9)
     assert np.exp(found[0][:, 0]).sum() == pytest.approx(1.0, abs=1e-3)
@@ -154,7 +157,9 @@ def test_kernels_with_a_shape_equal_the_twins(
     scene, invalid = _scene(rng, step=step, period=period, spread=spread)
     table = shape_table(shape)
     found, wanted = empty_sums(FRAMES, PIXELS), empty_sums(FRAMES, PIXELS)
-    chosen = kernel.sort_pixels(scene[1], scene[8], scene[10], invalid, step, period, NONE_NEAREST, gaussian=False)
+    chosen = kernel.sort_pixels(
+        scene[1], scene[3].weight, scene[3].sigma, invalid, step, period, NONE_NEAREST, gaussian=False
+    )
     kernel.log_likelihood(scene[0], chosen, *scene[2:], invalid, RANDOM, step, period, table, *found)
     twins.log_likelihood(*scene, invalid, RANDOM, step, period, table, *wanted)
     for got, should in zip(found, wanted, strict=True):
@@ -170,9 +175,11 @@ def test_slope_with_a_shape_is_that_of_the_log_likelihood(rng: np.random.Generat
     table, moved = shape_table(skewed()), []
     for bias in (-0.01, 0.0, 0.01):
         found = empty_sums(FRAMES, PIXELS)
-        shifted = (*scene[:7], scene[7] + bias, *scene[8:])
-        chosen = kernel.sort_pixels(scene[1], scene[8], scene[10], invalid, 0.0, 0.0, NONE_NEAREST, gaussian=False)
-        kernel.log_likelihood(shifted[0], chosen, *shifted[2:], invalid, RANDOM, 0.0, 0.0, table, *found)
+        shifted = scene[3]._replace(pixel_bias=scene[3].pixel_bias + bias)
+        chosen = kernel.sort_pixels(
+            scene[1], scene[3].weight, scene[3].sigma, invalid, 0.0, 0.0, NONE_NEAREST, gaussian=False
+        )
+        kernel.log_likelihood(scene[0], chosen, scene[2], shifted, invalid, RANDOM, 0.0, 0.0, table, *found)
         moved.append(found[0])
     np.testing.assert_allclose(moved[1][:, 1], (moved[2][:, 0] - moved[0][:, 0]) / 0.02, rtol=2e-3, atol=2e-5)
 

@@ -8,7 +8,7 @@ from support.reconcile_errors import scene
 from users.cases import FRAMES, RATE_HZ, draw, recorded
 
 from tofmix.reconciliation.evidence import make_evidence
-from tofmix.reconciliation.one.edges import Edges
+from tofmix.reconciliation.one.scene_errors import Edges
 from tofmix.reconciliation.settings import KINDS, Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.casting.cast import cast_scene

@@ -7,8 +7,8 @@ from support.recordings import MAKE
 from support.search_tasks import MakeTask
 
 from tofmix.reconciliation.one.fitted_set import FittedSet
-from tofmix.reconciliation.one.order import in_best_order
 from tofmix.reconciliation.one.proposals import About, Columns
+from tofmix.reconciliation.one.search import in_best_order
 
 
 def test_effects_of_one_level_get_the_order_in_which_they_act(make_task: MakeTask) -> None:

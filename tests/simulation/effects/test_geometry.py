@@ -1,13 +1,12 @@
 """Effects on where surfaces stand: the cast of the moved scene, and many frames of a moving one."""
 
-import tracemalloc
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.effect_bench import Bench, effect
+from support.effect_bench import Bench, effect, rendering_peak
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.casting.cast import MovingCaster, cast_scene
@@ -117,17 +116,9 @@ def test_true_ranges_follow_frame_by_frame(bench: Bench) -> None:
 def test_a_long_motion_needs_no_more_memory(bench: Bench) -> None:
     model = bench.boards(effect("motion", surface="near", velocity_mm_s=1.0), frames=1).model
     truth = cast_scene(model)
-
-    def peak(n_frames: int) -> int:
-        tracemalloc.start()
-        for _ in render_blocks(model, truth, n_frames=n_frames, seed=1, block_frames=10):
-            pass
-        most = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return most
-
-    peak(10)
-    assert peak(60) < 1.5 * peak(20)
+    rendering_peak(model, truth, 10, block_frames=10)
+    most, few = (rendering_peak(model, truth, frames, block_frames=10) for frames in (60, 20))
+    assert most < 1.5 * few
 
 
 def test_a_surface_that_leaves_the_world_is_refused(bench: Bench) -> None:

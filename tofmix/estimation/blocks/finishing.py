@@ -107,8 +107,6 @@ def finish_window(
         Of the leading shape (row, col), pixel by pixel.
     phasors : (row, col, 7) float32 or None
         Mean phasors of the pixels (`tofmix.unmixing.image`); None: nothing is unmixed.
-    sensor : Sensor
-        The camera.
     frames : int
         Frames of the window.
     insist : bool

@@ -94,8 +94,6 @@ def plan_reading(
 
     Parameters
     ----------
-    source : SampleSource
-        The recording.
     grid : Grid
         The cells.
     buffer_bytes : int

@@ -75,8 +75,6 @@ def estimate_cells(
         `sample_max_mm`, it is read once more before that, for its extreme samples.
     grid : Grid
         From `tofmix.grid.plan_grid`.
-    options : EstimateOptions
-        The estimator's.
     finish : callable
         Called in the worker with the layers of a cell, of the leading shape (window, row, col), under equation (1).
         With `phasors`, its second argument are the mean phasors (window, row, col, 7) float32 of

@@ -14,8 +14,7 @@ steps of EM give the rate of convergence, and the extrapolation uses this rate. 
 undone. The end is a fixed point of EM, as without it.
 
 The surfaces under fit and the scratch arrays are plain arrays with a row for each quantity, because fits are
-copied, sorted and extrapolated as wholes. A structure of four arrays would be as fast: 0.34 and 0.33 us a round of EM
-(`tests/benchmarks/fit_layout.py`).
+copied, sorted and extrapolated as wholes. A structure of four arrays would be as fast: 0.34 and 0.33 us a round of EM.
 
 `Components` (ROWS, capacity + 1): rows MEAN and SIGMA in mm, WEIGHT, SUPPORT (the sum of a surface's responsibilities,
 in samples), GAIN (loss of likelihood without the surface, nat), and scratch rows. The last column is that of c_0: its

@@ -75,8 +75,6 @@ def choose_law(series: SpreadSeries, settings: AmplitudeSettings) -> ChosenLaw |
     ----------
     series : SpreadSeries
         Of all bins.
-    settings : AmplitudeSettings
-        Thresholds.
 
     Returns
     -------

@@ -348,8 +348,6 @@ def measure_bins(
         From `cut_into_bins`, at least one.
     degrees : int
         Degrees of freedom of the variances.
-    settings : CurveSettings
-        Thresholds.
 
     Returns
     -------

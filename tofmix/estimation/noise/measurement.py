@@ -145,8 +145,6 @@ def measure_outliers(
         For the interval of random values, as in the estimator (`tofmix.estimation.beam.outlier_interval`).
     amplitude : (series,) float64, optional
         Amplitude of each series, for a curve with a law.
-    settings : OutlierSettings
-        Thresholds.
 
     Returns
     -------
@@ -258,8 +256,6 @@ def measure_noise(
         if it is a `tofmix.recording.AmplitudeSource`.
     step : RangeStep, optional
         Step of the stored ranges; default: a common one, from the samples.
-    settings : NoiseSettings
-        Thresholds.
 
     Returns
     -------

@@ -109,8 +109,6 @@ def pixels_of(
 
     Parameters
     ----------
-    source : SampleSource
-        The recording.
     window_frames, stride_frames : int
         Samples of a pixel in a window, and from one window to the next.
     most : int

@@ -71,8 +71,6 @@ def write_recording(
         The new recording.
     what : Path
         The source, for messages.
-    sensor : Sensor
-        The camera.
     conversion : Conversion
         From the source's numbers to ranges.
     again : callable, optional

@@ -22,40 +22,21 @@ from tofmix.arrays import BoolArray, Float32Array
 from tofmix.errors import BadInputError
 from tofmix.io.next_command import import_command
 from tofmix.io.samples import no_sample, unnamed
+from tofmix.recording import SampleSource, TypedSource
 from tofmix.sensor import Sensor
 
 _BLOCK_SAMPLES = 1 << 16  # samples at each place
 
 
-class FloatRecording(Protocol):
+class FloatRecording(SampleSource, TypedSource, Protocol):
     """Interface of a recording, as `tofmix.io.recording.recording_file.RecordingFile` has it."""
 
     path: Path
-    shape: tuple[int, int, int]
     units: str | None
-
-    @property
-    def sensor(self) -> Sensor:
-        """The camera."""
-
-    @property
-    def row_step(self) -> int:
-        """Rows of a stored chunk."""
-
-    @property
-    def frame_step(self) -> int:
-        """Frames of a stored chunk."""
-
-    @property
-    def stored_type(self) -> str:
-        """Type of the stored ranges."""
 
     @property
     def fill(self) -> float | None:
         """Value of invalid samples in addition to NaN."""
-
-    def read_range(self, frames: slice, rows: slice) -> Float32Array:
-        """Samples, mm, NaN where invalid."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,8 +112,6 @@ def is_too_small(median_mm: float, sensor: Sensor, *, least_mm: float = 50.0, le
     ----------
     median_mm : float
         The median, if it is in mm.
-    sensor : Sensor
-        The camera.
     least_mm : float
         A median below this is no camera's; in m it is beyond every camera's.
     least_share : float
@@ -158,8 +137,6 @@ def implausible(median_mm: float, sensor: Sensor, *, unit_mm: float, path: Path 
     ----------
     median_mm : float
         Median of the valid samples, mm.
-    sensor : Sensor
-        The camera.
     unit_mm : float
         mm of one unit of the source, by which the median was made.
     path : Path, optional

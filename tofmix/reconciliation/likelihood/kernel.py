@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.reconciliation.likelihood.error_shape import ShapeTable
-from tofmix.reconciliation.likelihood.smooth_kernel import smooth_log_likelihood
+from tofmix.reconciliation.likelihood.smooth_kernel import LatentEvents, smooth_log_likelihood
 
 _FLOOR = 1.0e-12  # probability of what the model rules out: one impossible sample must not decide alone
 _INVALID_FLOOR = 1.0e-6  # probability that any sample is lost, whatever the model says
@@ -168,16 +168,7 @@ def log_likelihood(
     samples: NDArray[np.uint16],
     pixels: Sorted,
     frames: IntArray,
-    key: IntArray,
-    since: FloatArray,
-    frame_bias: FloatArray,
-    extra_variance: FloatArray,
-    pixel_bias: FloatArray,
-    weight: FloatArray,
-    mean: FloatArray,
-    sigma: FloatArray,
-    rate: FloatArray,
-    lit: BoolArray,
+    events: LatentEvents,
     invalid: FloatArray,
     random_density: FloatArray,
     step: float,
@@ -196,14 +187,8 @@ def log_likelihood(
         Which ones to go over.
     frames : (n,) int64
         Likewise.
-    key, since : (frame,)
-        Which of the mixture's times holds, and the time since then, s.
-    frame_bias, extra_variance : (frame,) float64
-        Bias, mm, and variance, mm2, of every lit component.
-    pixel_bias : (pixel,) float64
-        Bias, mm, of every lit component.
-    weight, mean, sigma, rate, lit : (time, component, pixel)
-        The mixture; rate in mm/s.
+    events : LatentEvents
+        The mixture.
     invalid : (time, pixel) float64
         Probability of an invalid sample.
     random_density : (pixel,) float64
@@ -216,40 +201,23 @@ def log_likelihood(
         Results, added to: log-likelihood, its slope against a bias (1/mm), its information (1/mm2), samples. The
         information takes a cell as noise, so that it is never negative.
     """
-    scene = key, since, frame_bias, extra_variance, pixel_bias, weight, mean, sigma, rate, lit
+    density = random_density + _FLOOR
     if pixels.narrow.size:
         smooth_log_likelihood(
-            samples,
-            pixels.narrow,
-            frames,
-            *scene,
-            pixels.log_invalid,
-            random_density + _FLOOR,
-            pixels.ends,
-            by_pixel,
-            by_frame,
+            samples, pixels.narrow, frames, events, pixels.log_invalid, density, pixels.ends, by_pixel, by_frame
         )
     if pixels.others.size:
         any_log_likelihood(
-            samples, pixels.others, frames, *scene, invalid, random_density, step, period, table, by_pixel, by_frame
+            samples, pixels.others, frames, events, invalid, random_density, step, period, table, by_pixel, by_frame
         )
 
 
 @jit
-def any_log_likelihood(  # noqa: C901  one pass, kept in one place
+def any_log_likelihood(  # noqa: C901, PLR0915  one pass, kept in one place
     samples: NDArray[np.uint16],
     pixels: IntArray,
     frames: IntArray,
-    key: IntArray,
-    since: FloatArray,
-    frame_bias: FloatArray,
-    extra_variance: FloatArray,
-    pixel_bias: FloatArray,
-    weight: FloatArray,
-    mean: FloatArray,
-    sigma: FloatArray,
-    rate: FloatArray,
-    lit: BoolArray,
+    events: LatentEvents,
     invalid: FloatArray,
     random_density: FloatArray,
     step: float,
@@ -259,6 +227,7 @@ def any_log_likelihood(  # noqa: C901  one pass, kept in one place
     by_frame: FloatArray,
 ) -> None:
     """As `log_likelihood`, sample by sample, for cells and sigmas of any size."""
+    key, since, frame_bias, extra_variance, pixel_bias, weight, mean, sigma, rate, lit = events
     components = weight.shape[1]
     for t in frames:
         g = key[t]
@@ -372,16 +341,7 @@ def transform(  # noqa: C901  as above
     samples: NDArray[np.uint16],
     pixels: IntArray,
     frames: IntArray,
-    key: IntArray,
-    since: FloatArray,
-    frame_bias: FloatArray,
-    extra_variance: FloatArray,
-    pixel_bias: FloatArray,
-    weight: FloatArray,
-    mean: FloatArray,
-    sigma: FloatArray,
-    rate: FloatArray,
-    lit: BoolArray,
+    events: LatentEvents,
     random_share: FloatArray,
     low: float,
     high: float,
@@ -396,6 +356,7 @@ def transform(  # noqa: C901  as above
     Parameters as for `log_likelihood`; random values have the share `random_share` (pixel,) between `low` and
     `high`, and `out` (frame, pixel) float32 takes the results.
     """
+    key, since, frame_bias, extra_variance, pixel_bias, weight, mean, sigma, rate, lit = events
     components, gaussian = weight.shape[1], table[2].size == 0
     for t in frames:
         g = key[t]

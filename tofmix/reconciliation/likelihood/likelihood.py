@@ -21,13 +21,13 @@ from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.kernel import Sorted, empty_sums, log_likelihood, sort_pixels, transform
 from tofmix.reconciliation.likelihood.mixture import Mixture, Scene, Scenes
 from tofmix.reconciliation.likelihood.reference_errors import ReferenceErrors
+from tofmix.reconciliation.likelihood.smooth_kernel import LatentEvents
 from tofmix.simulation.effects.base import Effect, with_hidden
 from tofmix.simulation.effects.hidden import AffectedPixels, DisturbedFrames, FrameChain, RememberedNoise
 from tofmix.wording import counted
 
 if TYPE_CHECKING:
     from tofmix.reconciliation.likelihood.side_information import SideInformation
-
 
 _LEAST = 1.0e-100  # probability of a state
 
@@ -223,6 +223,13 @@ def _in_rows(mixture: Mixture) -> Mixture:
         sigma=np.ascontiguousarray(m.sigma),
         rate=np.ascontiguousarray(m.rate),
         lit=np.ascontiguousarray(m.lit),
+    )
+
+
+def _events(m: Mixture, extra_variance: FloatArray, pixel_bias: FloatArray) -> LatentEvents:
+    """The mixture for kernels, with the variance (frame,) and the bias (pixel,) that a state adds."""
+    return LatentEvents(
+        m.key, m.since, m.frame_bias, extra_variance, pixel_bias, m.weight, m.mean, m.sigma, m.rate, m.lit
     )
 
 
@@ -441,16 +448,7 @@ class Likelihood:
             self.evidence.samples,
             pixels,
             frames,
-            m.key,
-            m.since,
-            m.frame_bias,
-            added,
-            shift,
-            m.weight,
-            m.mean,
-            m.sigma,
-            m.rate,
-            m.lit,
+            _events(m, added, shift),
             m.invalid,
             density,
             m.step,
@@ -541,16 +539,7 @@ class Likelihood:
                 self.evidence.samples,
                 pixels,
                 some,
-                m.key,
-                m.since,
-                m.frame_bias,
-                added,
-                bias,
-                m.weight,
-                m.mean,
-                m.sigma,
-                m.rate,
-                m.lit,
+                _events(m, added, bias),
                 m.outlier,
                 m.low,
                 m.high,

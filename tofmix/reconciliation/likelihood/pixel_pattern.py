@@ -1,5 +1,6 @@
 """The bias of each pixel: the hidden state of a pattern, estimated by pixel and integrated out together."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,9 +8,9 @@ from scipy.linalg import cho_factor, cho_solve
 
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconciliation.evidence import Evidence
-from tofmix.reconciliation.likelihood.joint import views
+from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part, Sums
-from tofmix.reconciliation.likelihood.memory import inflation
+from tofmix.reconciliation.likelihood.memory import inflation, sees_one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 
 _LEAST_INFORMATION = 1e-10  # 1/mm2: a bias with less information is unknown
@@ -222,3 +223,43 @@ class LinesFactor:
         """The parts of the larger and of the smaller block."""
         columns, rows = values[: self._first], values[self._first :]
         return (columns, rows) if self._wide else (rows, columns)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RecordingBiases:
+    """The biases of one recording. Arrays are (pixel,).
+
+    Parameters
+    ----------
+    view : RecordingView
+        The recording, and the prediction of the model.
+    used : pixels that see one surface and have data; the others have no information.
+    bias_mm : bias of the mean against the prediction, mm.
+    information : its information, 1/mm2.
+    """
+
+    view: RecordingView
+    used: BoolArray
+    bias_mm: FloatArray
+    information: FloatArray
+
+    @property
+    def surfaces(self) -> Iterator[tuple[str, BoolArray]]:
+        """Each surface's name, and the pixels (pixel,) with data that see it."""
+        m = self.view.mixture
+        seen = m.of_main(m.surface)
+        for number, name in enumerate(self.view.scene.names):
+            own = self.used & (seen == number)
+            if own.any():
+                yield name, own
+
+
+def biases_of_recordings(likelihood: Likelihood, state: ModelState, part: Part) -> list[RecordingBiases]:
+    """The biases that a part of each recording has, relative to a state."""
+    mixture = likelihood.mixture(state)
+    out = []
+    for view in views(likelihood, mixture, part):
+        found, m = pixel_biases(likelihood, mixture, state, view.part_of_all), view.mixture
+        used = sees_one_surface(m) & m.of_main(m.lit).astype(bool) & (found.information > 0)
+        out.append(RecordingBiases(view=view, used=used, bias_mm=found.bias, information=found.information))
+    return out

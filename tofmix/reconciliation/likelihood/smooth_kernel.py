@@ -5,6 +5,7 @@ sample by sample. It chooses, and takes all that this leaves: lattices, folds, a
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,21 +25,27 @@ _Now = tuple[FloatArray, FloatArray]
 """Arrays (rank, pixel) that hold for one frame: precision, and scale times its root."""
 
 
+class LatentEvents(NamedTuple):
+    """A mixture over the latent event, with its changes from frame to frame, as kernels take it."""
+
+    key: IntArray  # (frame,): Which of the mixture's times holds
+    since: FloatArray  # (frame,): Time since then, s
+    frame_bias: FloatArray  # (frame,): Bias of every lit component, mm
+    extra_variance: FloatArray  # (frame,): Likewise, mm2
+    pixel_bias: FloatArray  # (pixel,): Bias of every lit component, mm
+    weight: FloatArray  # (time, component, pixel), as are the others
+    mean: FloatArray  # mm
+    sigma: FloatArray  # mm
+    rate: FloatArray  # mm/s
+    lit: BoolArray
+
+
 @jit
 def smooth_log_likelihood(
     samples: NDArray[np.uint16],
     pixels: IntArray,
     frames: IntArray,
-    key: IntArray,
-    since: FloatArray,
-    frame_bias: FloatArray,
-    extra_variance: FloatArray,
-    pixel_bias: FloatArray,
-    weight: FloatArray,
-    mean: FloatArray,
-    sigma: FloatArray,
-    rate: FloatArray,
-    lit: BoolArray,
+    events: LatentEvents,
     log_invalid: FloatArray,
     random_density: FloatArray,
     ends: IntArray,
@@ -58,6 +65,7 @@ def smooth_log_likelihood(
 
     The others are those of `tofmix.reconciliation.likelihood.kernel.log_likelihood`.
     """
+    key, since, frame_bias, extra_variance, pixel_bias, weight, mean, sigma, rate, lit = events
     n, ranks = len(pixels), len(ends)
     parts = (
         np.empty((ranks, n)),

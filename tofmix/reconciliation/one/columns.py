@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.reconciliation.likelihood.biases import biases_of_recordings
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.mixture import Mixture
+from tofmix.reconciliation.likelihood.pixel_pattern import biases_of_recordings
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.search import Coefficient, FormFacts
 from tofmix.simulation.surface import Surface

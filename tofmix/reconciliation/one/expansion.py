@@ -27,10 +27,9 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.likelihood.likelihood import ModelState, SurfaceShifts
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.reconciliation.one.recordings import SearchTask
+from tofmix.reconciliation.one.recordings import SearchTask, overstated, overstated_width
 from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION, StaticErrors
 from tofmix.reconciliation.one.steps_kernel import by_values, is_static
-from tofmix.reconciliation.one.tenths import overstated, overstated_width
 from tofmix.simulation.effects.hidden import PatternSpreads
 
 NUDGE = 0.3

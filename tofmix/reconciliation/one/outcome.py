@@ -53,8 +53,6 @@ def named(
     ----------
     likelihood : Likelihood
         Of the recordings.
-    settings : Settings
-        Options.
     tick, ledger
         As of `tofmix.reconciliation.one.search.search`.
     """
@@ -99,8 +97,6 @@ def better_own_effect(recordings: Sequence[Recording], added: Added, settings: S
         As given.
     added : Added
         The outcome of the search.
-    settings : Settings
-        Options.
     """
     best, top = None, added.score + ALIAS_NATS
     given = joint_likelihood(recordings).scene.effects

@@ -22,10 +22,9 @@ from tofmix.reconciliation.likelihood.memory import fit_memory
 from tofmix.reconciliation.one.coordinates import Key, Law, key_of_state
 from tofmix.reconciliation.one.expansion import pixel_sums
 from tofmix.reconciliation.one.fitted_set import FittedSet
-from tofmix.reconciliation.one.recordings import SearchTask
+from tofmix.reconciliation.one.recordings import SearchTask, observed
 from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION, StaticErrors
 from tofmix.reconciliation.one.summary import spreads_of_biases
-from tofmix.reconciliation.one.tenths import observed
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.hidden import (
     DisturbedFrames,

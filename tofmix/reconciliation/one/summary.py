@@ -16,9 +16,8 @@ from tofmix.reconciliation.likelihood.memory import sees_one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases
 from tofmix.reconciliation.one.expansion import WIDTH_NUDGE, medians, pixel_sums
-from tofmix.reconciliation.one.recordings import SearchTask
+from tofmix.reconciliation.one.recordings import SearchTask, biases_by_tenth, overstated, overstated_width
 from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION
-from tofmix.reconciliation.one.tenths import biases_by_tenth, overstated, overstated_width
 from tofmix.simulation.effects.hidden import PatternSpreads
 
 _FAR_WIDTH = 1.0  # longest step of the logarithm of a width

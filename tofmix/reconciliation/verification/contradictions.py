@@ -133,8 +133,6 @@ def contradictions(likelihood: Likelihood, added: Added, settings: Settings) -> 
         The recording and the scene.
     added : Added
         The outcome of a search.
-    settings : Settings
-        Options of the search.
     """
     if not added.chosen:
         return ()

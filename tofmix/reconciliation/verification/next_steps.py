@@ -19,11 +19,10 @@ from tofmix.reconciliation.comparison.compare import disagreements
 from tofmix.reconciliation.evidence import LEAST_PIXELS
 from tofmix.reconciliation.found import Added, name_of_effect
 from tofmix.reconciliation.likelihood import hidden_fits
-from tofmix.reconciliation.likelihood.biases import biases_of_recordings
 from tofmix.reconciliation.likelihood.hidden_states import begin
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
-from tofmix.reconciliation.likelihood.pixel_pattern import pixel_biases, with_pattern
+from tofmix.reconciliation.likelihood.pixel_pattern import biases_of_recordings, pixel_biases, with_pattern
 from tofmix.reconciliation.parameters.searches import PlanePose, measured_pose, problems
 from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.reconciliation.verification.considered import Alias
@@ -124,8 +123,6 @@ def next_steps(
         The verdict.
     unclear : sequence of Alias
         Explanations that the recording cannot separate.
-    settings : Settings
-        Options of the search.
     """
     steps = [*_of_the_recording(likelihood)]
     axes = [] if verified.verdict == "agree" else list(other_axes(likelihood, settings))
@@ -556,8 +553,6 @@ def found_poses(likelihood: Likelihood, settings: Settings, state: ModelState | 
     ----------
     likelihood : Likelihood
         The recordings and their scenes.
-    settings : Settings
-        How.
     state : ModelState, optional
         The model with the effects that are named; the model as given without it.
     """

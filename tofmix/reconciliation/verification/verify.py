@@ -146,8 +146,6 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings, own: Effect
         The recording and the scene.
     added : Added
         The outcome of the search.
-    settings : Settings
-        How.
     own : Effect, optional
         The model's own effect with other numbers, if it is better than the added effects.
     """
