@@ -193,7 +193,7 @@ def _repeats(stored: FloatArray, settings: FilterSettings) -> Repeats | None:
 
 
 def common_motion(source: SampleSource, settings: FilterSettings = DEFAULT_SETTINGS) -> tuple[float, float] | None:
-    """How far all ranges of a frame move together, and how far those of one pixel move, from frame to frame.
+    """How far all ranges of a frame move together, and how far those of one pixel move beside that, frame by frame.
 
     Two standard deviations, mm, by the differences of consecutive frames: a drift is none of it, and one jump neither.
     The common one is beyond what pixels that are independent have in common by chance. None where few pixels tell.
@@ -202,10 +202,11 @@ def common_motion(source: SampleSource, settings: FilterSettings = DEFAULT_SETTI
     if len(stored) < settings.least_pixels:
         return None
     change = np.diff(stored, axis=1)
-    each = np.median(_spread(change, axis=1)) / math.sqrt(2.0)
-    together = float(_spread(np.nanmedian(change, axis=0), axis=0)) / math.sqrt(2.0)
+    common = np.nanmedian(change, axis=0)
+    alone = float(np.median(_spread(change - common, axis=1))) / math.sqrt(2.0)
+    together = float(_spread(common, axis=0)) / math.sqrt(2.0)
     of_medians = math.pi / 2.0 / len(stored)  # variance of a median of Gaussian values
-    return math.sqrt(max(together**2 - of_medians * each**2, 0.0)), float(each)
+    return math.sqrt(max(together**2 - of_medians * alone**2, 0.0)), alone
 
 
 def _spread(values: FloatArray, axis: int) -> FloatArray:

@@ -287,11 +287,11 @@ def repeat_findings(share: float, of_frames: float, remedy: Remedy) -> list[Find
     return [Finding(code="repeated_samples", text=f"{text} Leave repeated frames out.", commands=(command,))]
 
 
-def motion_findings(common_mm: float, each_mm: float, remedy: Remedy, *, least_share: float = 0.5) -> list[Finding]:
+def motion_findings(common_mm: float, alone_mm: float, remedy: Remedy, *, least_share: float = 0.5) -> list[Finding]:
     """Warn of frames that move as a whole, if they cause more than `least_share` of the sd of single samples."""
+    each_mm = math.hypot(common_mm, alone_mm)
     if not common_mm > least_share * each_mm:
         return []
-    alone_mm = math.sqrt(max(each_mm**2 - common_mm**2, 0.0))
     text = (
         f"All ranges of a frame move together, by {common_mm:.3g} mm (sd) from frame to frame: a pixel's samples"
         f" scatter by {each_mm:.3g} mm, and by {alone_mm:.2g} mm without it. Sigma is wider by it, and near surfaces"
@@ -305,7 +305,8 @@ def motion_findings(common_mm: float, each_mm: float, remedy: Remedy, *, least_s
     code = (
         f"import numpy as np, tofmix; r = tofmix.open({before}); a = r.range_mm[:, np.isfinite(r.range_mm).any(0)];"
         " moved = np.nanmedian(a - np.nanmedian(a, 0), 1);"
-        f' tofmix.from_array(r.range_mm - moved[:, None, None], units="mm", sensor=r.sensor{light}).save({after})'
+        ' tofmix.from_array(r.range_mm - moved[:, None, None], units="mm", sensor=r.sensor, time_s=r.time_s'
+        f"{light}).save({after})"
     )
     return [Finding(code="frames_move", text=text, commands=(shlex.join(["python", "-c", code]),))]
 
