@@ -31,7 +31,12 @@ def in_any_layer(broken: BoolArray) -> BoolArray:
 
 
 def layer_rules(
-    layers: Layers, window_frames: NDArray[np.integer], *, circle_mm: float | None = None, samples_a_frame: int = 1
+    layers: Layers,
+    window_frames: NDArray[np.integer],
+    *,
+    circle_mm: float | None = None,
+    samples_a_frame: int = 1,
+    is_filtered: bool = False,
 ) -> Iterator[Rule]:
     """Apply every rule to layers.
 
@@ -45,6 +50,8 @@ def layer_rules(
         Length of the circle that ranges are on, mm.
     samples_a_frame : int
         Samples that a frame has of each pixel, at most.
+    is_filtered : bool
+        Whether the camera filters its ranges over time: then not each frame has an independent sample.
 
     Yields
     ------
@@ -71,7 +78,7 @@ def layer_rules(
     frames = np.asarray(window_frames).reshape(-1, 1, 1)
     yield Rule("n_samples", "at most the frames of the window", layers.n_samples > frames * samples_a_frame)
     if layers.invalid_share is not None:
-        yield from _lost(layers, layers.invalid_share, frames, samples_a_frame)
+        yield from _lost(layers, layers.invalid_share, frames, samples_a_frame, is_filtered=is_filtered)
     yield Rule(
         "log_likelihood", "finite where a pixel was fitted, else NaN", np.isfinite(layers.log_likelihood) != fitted
     )
@@ -129,11 +136,15 @@ def _statuses(layers: Layers, present: BoolArray, fitted: BoolArray) -> Iterator
     yield Rule("n_peaks", "0 where nothing was fitted", ~fitted & (layers.n_peaks > 0))
 
 
-def _lost(layers: Layers, lost: NDArray[np.float32], frames: NDArray[np.integer], each: int) -> Iterator[Rule]:
+def _lost(
+    layers: Layers, lost: NDArray[np.float32], frames: NDArray[np.integer], each: int, *, is_filtered: bool
+) -> Iterator[Rule]:
     """The share of lost samples agrees with the number of valid ones."""
     yield Rule("invalid_share", "between 0 and 1 in every pixel", ~((lost >= 0) & (lost <= 1)))
     seen = np.rint((1.0 - lost.astype(np.float64)) * frames)  # frames with a valid sample
-    wrong = (layers.n_samples < seen) | (layers.n_samples > seen * each)
+    wrong = layers.n_samples > seen * each
+    if not is_filtered:
+        wrong |= layers.n_samples < seen
     yield Rule("invalid_share", "the share of the frames without one of the n_samples", wrong)
 
 

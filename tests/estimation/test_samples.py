@@ -175,6 +175,17 @@ def test_noise_with_a_memory_repeats_nothing(memory: float, step_mm: float) -> N
     assert find_repeats(ArrayRecording(stored(samples, FRAMES), SENSOR)) is None
 
 
+@pytest.mark.parametrize("median", [False, True])
+def test_verify_finds_no_fault_in_layers_of_fewer_samples_than_frames(median: bool, tmp_path: Path) -> None:
+    samples = np.random.default_rng(13).normal(1500.0, 8.0, (FRAMES, 4, 6))
+    stored_mm = over_windows(samples, 3, median=True) if median else held(samples, 0.4)
+    path = tofmix.from_array(stored_mm, units="mm", sensor=SENSOR).save(tmp_path / "few.h5")
+    runner = CliRunner()
+    assert runner.invoke(main, ["estimate", str(path), "--noise", "auto"]).exit_code == 0
+    result = runner.invoke(main, ["verify", str(tmp_path / "few.layers.h5")])
+    assert (result.exit_code, "no fault" in result.stdout) == (0, True)
+
+
 def test_command_of_repeated_frames_leaves_them_out(tmp_path: Path) -> None:
     samples = np.random.default_rng(13).normal(1500.0, 8.0, (FRAMES, 4, 6))
     path = tofmix.from_array(held(samples, 0.4, frames=True), units="mm", sensor=SENSOR).save(tmp_path / "held.h5")

@@ -52,7 +52,8 @@ def _before_median(layers: Layers, sensor: Sensor, median: RunningMedian) -> Non
     """
     curve = sensor.noise
     if curve is not None:
-        sigma = curve.sigma(layers.range.astype(np.float64)).astype(np.float32)
+        there = np.isfinite(layers.range)  # a curve of one point has a sigma even where there is no range
+        sigma = np.where(there, curve.sigma(layers.range.astype(np.float64)), np.nan).astype(np.float32)
         layers.range_stderr[:] *= sigma / layers.sigma
         layers.sigma[:] = sigma
     shares, order = _ordered_shares(layers, sensor)

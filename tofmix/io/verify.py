@@ -445,7 +445,13 @@ def _check_block(layers: LayersFile, windows: slice, rows: slice, findings: Find
     frames = layers.window_stop[windows].astype(np.int64) - layers.window_start[windows].astype(np.int64)
     offset = (windows.start, rows.start, 0)
     made = layers.provenance
-    rules = layer_rules(block, frames, circle_mm=made.unambiguous_range_mm, samples_a_frame=made.samples_a_frame)
+    rules = layer_rules(
+        block,
+        frames,
+        circle_mm=made.unambiguous_range_mm,
+        samples_a_frame=made.samples_a_frame,
+        is_filtered=made.sensor.temporal_filter is not None,
+    )
     for rule in (*rules, *suspect_rules(block)):
         findings.add_broken(rule.name, rule.text, rule.broken, ("window", "row", "col"), offset)
 
