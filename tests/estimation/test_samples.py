@@ -351,7 +351,7 @@ def test_mixed_pixels_of_an_average_that_takes_jumps_at_once_have_their_two_laye
 def test_mixed_pixels_of_an_average_of_medians_have_their_two_layers(mean: bool) -> None:
     scene = Scene(SHAPE, 17)
     medians = over_windows(scene.draw(FRAMES), 3, median=True)
-    ranges = stored(over_windows(medians, 2, median=False) if mean else averaged(medians, 0.4), FRAMES)
+    ranges = stored(over_windows(medians, 3, median=False) if mean else averaged(medians, 0.4), FRAMES)
     with pytest.warns(DoubtWarning, match="median of 3, then .* tell as much as 33 .*temporal filter off") as said:
         found = tofmix.estimate(tofmix.from_array(ranges, units="mm", sensor=SENSOR), noise="file", workers=2)
     assert sum("filter" in str(one.message) for one in said) == 1

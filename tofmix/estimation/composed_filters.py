@@ -23,7 +23,8 @@ class Samples(NamedTuple):
     """Stored samples (pixel, frame) of pixels of several surfaces (*wide* ones) and of one, and their noise (pixel,).
 
     Noise is the central 90 % of the samples of one surface. `steps` are the lengths of all steps from frame to frame,
-    ascending, also of other pixels; `step_mm` is the step of the stored ranges.
+    ascending, also of other pixels; `step_mm` is the step of the stored ranges. `calm` are those of more pixels
+    of one surface, whose correlations are compared.
     """
 
     stored: FloatArray
@@ -31,6 +32,7 @@ class Samples(NamedTuple):
     is_wide: BoolArray
     steps: FloatArray
     step_mm: float
+    calm: FloatArray
 
     def some(self, count: int) -> "Samples":
         """The same with about as many pixels of each kind."""
@@ -114,7 +116,7 @@ def _trials(
     tolerance: float,
 ) -> Iterator[Trial]:
     """Filters whose inverse leaves calm pixels as dependent as the median before the average does."""
-    calm = samples.stored[~samples.is_wide]
+    calm = samples.calm
     windows, frames = (1, *medians), calm.shape[1]
     as_stored = _correlations(calm)
     behind = {
@@ -131,7 +133,7 @@ def _trials(
     least = dict.fromkeys(windows, tolerance)  # least difference of the correlations, by median
     for fit in fits:
         least[fit.trial.median] = min(least[fit.trial.median], fit.off)
-    alike = 0.04  # differences of the correlations that chance explains, in some tens of pixels
+    alike = 0.04  # differences of the correlations that chance explains
     for fit in fits:
         average, window = fit.trial
         if fit.off > min(tolerance, least[window] + alike):
@@ -172,7 +174,7 @@ def _jumps_between(share: float, samples: Samples) -> list[float]:
     between = np.searchsorted(steps, high) - np.searchsorted(steps, low)
     spoilt = 0.002  # share of the steps that lost samples may put there
     allowed = np.flatnonzero((low < high) & (between <= spoilt * len(steps)))
-    return list(jumps[allowed[np.linspace(0, len(allowed) - 1, min(len(allowed), 6)).astype(int)]])
+    return [float(jump) for jump in jumps[allowed[np.linspace(0, len(allowed) - 1, min(len(allowed), 6)).astype(int)]]]
 
 
 def _undone(average: ExponentialAverage | RunningMean, stored: FloatArray) -> FloatArray:
@@ -278,7 +280,7 @@ def _refined(trial: Trial, samples: Samples) -> Trial:
     if not isinstance(average, ExponentialAverage) or not average.resets:
         return trial
     below, above = np.split(samples.steps, [int(np.searchsorted(samples.steps, average.edge_mm, side="right"))])
-    if below.size and above.size and below[-1] / average.parameter < above[0]:
+    if below.size and above.size and 0.0 < below[-1] / average.parameter < above[0]:
         between = math.sqrt(float(below[-1]) / average.parameter * float(above[0]))
         average = ExponentialAverage(average.parameter, between)
     return Trial(average, trial.median)

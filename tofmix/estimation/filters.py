@@ -167,11 +167,11 @@ def learn_filter(source: SampleSource, settings: FilterSettings = DEFAULT_SETTIN
     found = None
     if not _stored_twice(stored, settings):
         found = _median_filter(stored, settings) or _linear_filter(stored, settings)
-        if not isinstance(found, RunningMedian):
-            found = _composed(stored, settings) or found
     if found is None and (repeats := _repeats(stored, settings)) is not None:
         return HeldValues(repeats.share)
-    return found
+    if isinstance(found, RunningMedian) or _stored_twice(stored, settings):
+        return found
+    return _composed(stored, settings) or found
 
 
 class Repeats(NamedTuple):
@@ -302,6 +302,7 @@ def _composed(stored: FloatArray, settings: FilterSettings) -> TemporalFilter | 
             is_wide=np.arange(len(chosen)) < min(len(wide), 8 * settings.least_pixels),
             steps=np.sort(np.abs(np.diff(stored[whole], axis=1)).ravel()),
             step_mm=quantisation_step(stored[calm].astype(np.float32)),
+            calm=stored[calm[:: max(1, len(calm) // (16 * settings.least_pixels))]],
         ),
         lambda share: _exponential(stored[wide], noise[wide], 1.0 - share, settings),
         medians=settings.windows,

@@ -263,8 +263,11 @@ def filter_findings(found: TemporalFilter | None, frames: int) -> list[Finding]:
     return [Finding(code="temporal_filter", text=text)]
 
 
-def spatial_findings(correlation: float | None) -> list[Finding]:
-    """Warn of a camera that filters ranges over pixels, by the correlation of their noise."""
+def spatial_findings(correlation: float | None, *, unmixed: bool) -> list[Finding]:
+    """Warn of a camera that filters ranges over pixels, by the correlation of their noise.
+
+    `unmixed` says whether layers were unmixed where samples are phasor sums.
+    """
     if correlation is None:
         return []
     text = (
@@ -272,6 +275,8 @@ def spatial_findings(correlation: float | None) -> list[Finding]:
         f" {correlation:.2f}: at edges, samples are of several pixels. Pixels of several surfaces are undecided, and"
         " ranges beside them are off by about sigma. Switch the camera's spatial filter off, and record again."
     )
+    if unmixed:
+        text += " For a filter that keeps edges, --mixing phasor keeps unmixed pixels."
     return [Finding(code="spatial_filter", text=text)]
 
 

@@ -407,7 +407,7 @@ class _FindingTally(Counts):
         return (
             *moved_findings(self.moved, remedy, frames, targets=provenance.targets),
             *of_filter,
-            *spatial_findings(provenance.sensor.neighbour_correlation),
+            *spatial_findings(provenance.sensor.neighbour_correlation, unmixed=provenance.is_unmixed),
             *of_sigma,
             *of_losses,
             *of_counts,
