@@ -291,52 +291,6 @@ class SecondBounce(Effect):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvenlyLitWall(Effect):
-    """A matt wall, evenly lit by the lamp, that lights a surface: patch by patch, each with its own way.
-
-    A patch returns `returned` of the light that the point of the surface has from the lamp, in all directions by the
-    cosine law.
-    """
-
-    surface: str
-    wall: str
-    returned: float
-    kind = "multipath"
-    patches = 60  # along each side
-
-    def factor(self, x: Exposure) -> Array:
-        """Light of the wall over that of the lamp (pixel,), complex; 0 for pixels that do not see the surface."""
-        names = [s.name for s in x.surfaces]
-        here, wall = x.surfaces[names.index(self.surface)], x.surfaces[names.index(self.wall)]
-        place = (np.arange(self.patches) + 0.5) / self.patches - 0.5
-        u, v = np.meshgrid(place * wall.size_mm[0], place * wall.size_mm[1], indexing="ij")
-        axes = wall.axes()
-        at = np.array(wall.center_mm) + u.reshape(-1, 1) * axes[:, 0] + v.reshape(-1, 1) * axes[:, 1]
-        area = wall.size_mm[0] * wall.size_mm[1] / self.patches**2
-        ours, theirs = (s.axes()[:, 2] * -np.sign(s.axes()[:, 2] @ np.array(s.center_mm)) for s in (here, wall))
-        azimuth, elevation = x.device.view.angles()
-        beam = np.stack([np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)])
-        out = np.zeros(x.z.shape[1], dtype=complex)
-        layer = (x.beams.surface == names.index(self.surface)) & (x.beams.share > 0)
-        for pixel in np.flatnonzero(layer.any(axis=0)):
-            range_mm = x.beams.range_mm[layer[:, pixel].argmax(), pixel]
-            way = at - range_mm * beam[:, pixel]
-            length = np.linalg.norm(way, axis=1)
-            seen = np.maximum(way @ ours, 0) * np.maximum(-(way @ theirs), 0) * area / (np.pi * length**4)
-            out[pixel] = (seen * x.device.phasor((np.linalg.norm(at, axis=1) + length - range_mm) / 2)).sum()
-        return self.returned * out
-
-    def light(self, x: Exposure) -> None:
-        on = x.surface == [s.name for s in x.surfaces].index(self.surface)
-        factor = self.factor(x)
-        x.charge += np.where(on, np.abs(factor) * np.abs(x.z), 0).astype(np.float32)
-        x.z *= np.where(on, 1 + factor, 1.0).astype(np.complex64)
-
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return {"surface": self.surface, "from": self.wall, "share": self.returned}
-
-
-@dataclass(frozen=True, kw_only=True)
 class WaxBoard(Effect):
     """A board that light enters: it comes out after ways of an exponential distribution, of a mean as a range."""
 
@@ -636,49 +590,6 @@ class SecondCamera(Effect):
             "probability": self.share_of_frames,
             "sigma_mm": float(place.device.unambiguous_mm / (2 * np.pi) * self.strength / math.sqrt(2)),
             "burst_frames": self.burst_frames,
-        }
-
-
-@dataclass(frozen=True, kw_only=True)
-class UnevenClocks(Effect):
-    """A camera beside this one with exposures as long as ours and another frame rate; its light falls off sideways.
-
-    In a frame it adds light for as long as the exposures overlap, in proportion to that time. Both are given in frames
-    of ours: how long an exposure lasts, and by how much their frame is longer. With `spot_cols`, its beam is a Gaussian
-    of that width about the left edge of the image.
-    """
-
-    strength: float  # its amplitude as a share of our own, in a whole exposure
-    exposure: float
-    longer: float
-    spot_cols: float = 0.0
-    kind = "interference"
-
-    def overlap(self, time_s: Array, rate_hz: float, seed: int) -> Array:
-        """Part (frame,) of our exposure in which theirs is open, exposure by exposure."""
-        begin = time_s * rate_hz
-        theirs = float(np.random.default_rng([seed, 54]).random()) + (1 + self.longer) * np.arange(-2, begin.size + 2)
-        shared = np.minimum(begin[:, None], theirs) + self.exposure - np.maximum(begin[:, None], theirs)
-        return np.asarray(np.maximum(shared, 0).sum(axis=1) / self.exposure)
-
-    def beam(self, device: Device) -> Array:
-        """Its light (pixel,), over that at the left edge."""
-        fall = np.exp(-0.5 * (np.arange(device.cols) / self.spot_cols) ** 2) if self.spot_cols else np.ones(device.cols)
-        return np.tile(fall, device.rows)
-
-    def map(self, device: Device) -> Array | None:
-        return self.beam(device).reshape(device.rows, device.cols) if self.spot_cols else None
-
-    def light(self, x: Exposure) -> None:
-        part = self.overlap(x.time_s, x.device.frame_rate_hz, x.seed)[:, None] * self.beam(x.device)
-        other = x.rng.standard_normal(x.z.shape, np.float32) + 1j * x.rng.standard_normal(x.z.shape, np.float32)
-        x.z += ((self.strength / math.sqrt(2)) * part * np.abs(x.z) * other).astype(np.complex64)
-
-    def equivalent(self, place: Place) -> Parameters:
-        return {
-            "probability": 2 * self.exposure / (1 + self.longer),
-            "sigma_mm": float(place.device.unambiguous_mm / (2 * np.pi) * self.strength / math.sqrt(2)),
-            "period_frames": (1 + self.longer) / self.longer,
         }
 
 
