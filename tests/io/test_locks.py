@@ -169,3 +169,13 @@ def test_output_with_a_missing_temporary_file_gets_no_name(tmp_path: Path) -> No
             file.commit()
     assert names(tmp_path) == [temporary.name]
     assert temporary.read_text() == "another's"
+
+
+def test_temporary_file_of_killed_run_is_removed(tmp_path: Path) -> None:
+    with another_run(tmp_path / "out.h5") as first:
+        first.send_signal(signal.SIGKILL)
+        first.wait()
+    (stray,) = tmp_path.iterdir()
+    assert stray.read_text() == "half"
+    write_text(tmp_path / "other.h5", "other", overwrite=False)
+    assert names(tmp_path) == ["other.h5"]

@@ -20,11 +20,6 @@ TABLE = Surface(name="table", center_mm=(0, 600, 2300), size_mm=(3400, 2000), pi
 KINDS = ("multipath", "surface_pose", "range_offset", "excess_noise", "surface_offset", "smooth_pattern")
 
 
-@pytest.fixture(name="corner", scope="module")
-def a_table_before_a_wall(small: Model) -> Model:
-    return replace(small, surfaces=(BACK, TABLE))
-
-
 def times_of(model: Model) -> FloatArray:
     return np.asarray(np.arange(model.recording.frames) / model.recording.frame_rate_hz)
 
@@ -39,19 +34,6 @@ def test_bounce_is_named_with_its_source_and_share(corner: Model) -> None:
     assert (effect.kind, effect.surface, effect.from_) == ("multipath", "back", "table")
     assert abs(effect.share - 0.6) < 3 * named.stderr["share"] < 0.2
     assert named.parameters.keys() == {"surface", "share", "from"}
-
-
-@pytest.mark.slow
-def test_second_path_of_a_constant_share_is_no_bounce(corner: Model) -> None:
-    found = reconciled(corner, MAKE["multipath"](surface="back", share=0.1, extra_path_mm=1200.0), kinds=KINDS)
-    named = [n.effect for n in found.named if n.effect.kind == "multipath"]
-    assert all(effect.numbers().get("extra_path_mm") for effect in named)
-
-
-@pytest.mark.slow
-def test_moved_wall_of_a_corner_is_no_bounce(corner: Model) -> None:
-    found = reconciled(corner, MAKE["surface_pose"](surface="back", shift_mm=25.0), kinds=KINDS)
-    assert [n.effect.kind for n in found.named] == ["surface_pose"]
 
 
 def test_bounce_of_another_scene_does_not_act_in_a_recording(corner: Model) -> None:

@@ -477,3 +477,21 @@ def test_a_read_that_hangs_ends_the_program(tmp_path: Path) -> None:
 def test_the_limit_is_a_number_above_0(monkeypatch: pytest.MonkeyPatch, text: str, expected: float) -> None:
     monkeypatch.setenv("TOFMIX_READ_TIMEOUT", text)
     assert limit_s(7.0) == expected
+
+
+def test_no_data_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_recording(tmp_path / "r.h5", boards(), chunks=(7, 3, 4), compression="gzip")
+
+    def fail(*_: object) -> None:
+        pytest.fail("data were read")
+
+    monkeypatch.setattr(h5py.Dataset, "__getitem__", fail)
+    with h5py.File(path) as root:
+        check_structure(root, path.stat().st_size)
+
+
+def test_file_replaced_after_the_check_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_recording(tmp_path / "a.h5", boards())
+    monkeypatch.setattr(StructureChecker, "check", lambda *_: [0, 0, 0, 0])
+    with pytest.raises(BadInputError, match="the file was replaced between check and opening"), open_recording(path):
+        pass
