@@ -20,6 +20,11 @@ TABLE = Surface(name="table", center_mm=(0, 600, 2300), size_mm=(3400, 2000), pi
 KINDS = ("multipath", "surface_pose", "range_offset", "excess_noise", "surface_offset", "smooth_pattern")
 
 
+@pytest.fixture(name="corner", scope="module")
+def a_table_before_a_wall(small: Model) -> Model:
+    return replace(small, surfaces=(BACK, TABLE))
+
+
 def times_of(model: Model) -> FloatArray:
     return np.asarray(np.arange(model.recording.frames) / model.recording.frame_rate_hz)
 

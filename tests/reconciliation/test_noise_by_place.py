@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.recordings import recorded
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.hidden_states import begin
@@ -13,6 +14,7 @@ from tofmix.reconciliation.likelihood.likelihood import ModelState
 from tofmix.reconciliation.measured_noise import Uneven, uneven_noise
 from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.sensor import NoiseCurve
+from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
 
 SETTINGS = Settings(kinds=("range_offset",))
@@ -22,6 +24,13 @@ ON_BOARD_MM = 2500.0
 """Shorter ranges are the board's."""
 
 Factor = Callable[[FloatArray], FloatArray]
+
+
+@pytest.fixture(name="given")
+def two_surfaces(small: Model) -> Recording:
+    sensor = replace(small.sensor, rows=28, cols=36)
+    model = replace(small, sensor=sensor, surfaces=(BOARD, WALL))
+    return model, recorded(model)
 
 
 def with_factor(given: Recording, factor: Factor) -> Recording:

@@ -20,7 +20,7 @@ from support.reading import depths, read_source
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError, UsageError
-from tofmix.io.importers.conversion import stream_of
+from tofmix.io.importers.conversion import depths_among, stream_of
 from tofmix.io.importers.times import settled, time_unit_s, times_of_array, unit_of_stamps
 
 WALL = np.rint(np.random.default_rng(7).normal(2100.0, 6.0, (9, 4, 5)))
@@ -667,3 +667,10 @@ def test_dates_and_durations_of_numpy_are_times(kind: str) -> None:
         assert notes == ()
     stored[2] = "NaT"
     assert np.isnan(times_of_array(stored, 6, "a: time")[0]).tolist() == [False, False, True, False, False, False]
+
+
+def test_names_of_depth_come_first_and_those_that_say_nothing_where_there_is_none() -> None:
+    assert depths_among(["a", "b", "infrared"]) == ["a", "b"]
+    assert depths_among(["a", "my_range"]) == ["my_range"]
+    assert depths_among(["depth_valid", "depth"]) == ["depth"]
+    assert depths_among(["/rgb/depth/image", "/ir/image"]) == ["/rgb/depth/image"]
