@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from scipy import stats
+from support.cameras import camera_of
 from support.drawing import draw
 from support.sizes import sized
 
@@ -24,12 +25,7 @@ from tofmix.invariants import layer_rules
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.sensor import NoiseCurve, Sensor
 
-CAMERA = Sensor(
-    name="test camera",
-    range_min_mm=300.0,
-    range_max_mm=6000.0,
-    noise=NoiseCurve(np.array([400.0, 1500.0, 3000.0, 6000.0]), np.array([12.0, 25.0, 60.0, 200.0])),
-)
+CAMERA = camera_of([400.0, 1500.0, 3000.0, 6000.0], [12.0, 25.0, 60.0, 200.0], reach_mm=(300.0, 6000.0))
 # Near and far, tied and spread, invalid and absurd.
 VALUES = st.one_of(
     st.floats(300, 6500, width=32),
@@ -252,9 +248,7 @@ def test_paper_option_is_recorded_and_refuses_what_it_does_not_have() -> None:
 
 
 SIGMA = 20.0
-CAMERA_NOT_GAUSSIAN = Sensor(
-    name="test", range_min_mm=300.0, range_max_mm=7500.0, noise=NoiseCurve(np.array([1000.0]), np.array([SIGMA]))
-)
+CAMERA_NOT_GAUSSIAN = camera_of([1000.0], [SIGMA], reach_mm=(300.0, 7500.0))
 Draw = Callable[[np.random.Generator, tuple[int, int]], NDArray[np.float64]]
 
 NOISES: dict[str, Draw] = {
@@ -327,13 +321,7 @@ def test_many_outliers_make_no_layer(outliers: float, n: int, rng: np.random.Gen
     samples = np.where(rng.random((n, pixels)) < 0.5, 2000.0, 5000.0) + SIGMA * rng.standard_normal((n, pixels))
     wild = rng.random(samples.shape) < outliers
     samples[wild] = rng.uniform(300, 7500, int(wild.sum()))
-    camera = Sensor(
-        name="test",
-        range_min_mm=300.0,
-        range_max_mm=7500.0,
-        noise=CAMERA_NOT_GAUSSIAN.noise,
-        outlier_probability=outliers,
-    )
+    camera = replace(CAMERA_NOT_GAUSSIAN, outlier_probability=outliers)
     layers = layer_pixels(samples, camera)
     _hold_together(layers, samples)
     away = np.minimum(np.abs(layers.range - 2000), np.abs(layers.range - 5000))

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from support.cameras import camera_of
 from support.sizes import sized
 
 from tofmix.circle import circular_noise, fold
@@ -26,12 +27,7 @@ from tofmix.sensor import NoiseCurve, Sensor
 LENGTH = 7495.0
 FLAT = NoiseCurve(np.array([1000.0, LENGTH]), np.array([40.0, 40.0]))
 CAMERA = Sensor(name="flat noise", noise=FLAT)
-RISING = Sensor(
-    name="rising noise",
-    range_min_mm=600.0,
-    range_max_mm=7200.0,
-    noise=NoiseCurve(np.array([500.0, 2000.0, 7500.0]), np.array([6.0, 20.0, 110.0])),
-)
+RISING = camera_of([500.0, 2000.0, 7500.0], [6.0, 20.0, 110.0], reach_mm=(600.0, 7200.0))
 ON_CIRCLE = EstimateOptions(unambiguous_range_mm=LENGTH)
 
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.cameras import camera_of
 
 from tofmix.layers import Layers, layer_fields
 from tofmix.optics.projection import beam_directions_of
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.one.coordinates import Unnamed
-from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.simulation.casting.cast import by_neighbours, cast_scene
 from tofmix.simulation.effects.motion import Motion
 from tofmix.simulation.exposure import equation_1
@@ -19,15 +19,8 @@ from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.render import render_blocks
 
 ROWS, COLS, FRAMES = 6, 8, 50
-SENSOR = Sensor(
-    name="a",
-    fov_horizontal_deg=40.0,
-    fov_vertical_deg=30.0,
-    range_min_mm=0.0,
-    range_max_mm=4000.0,
-    integration_time_ms=1.0,
-    outlier_probability=0.0,
-    noise=NoiseCurve(np.array([1000.0]), np.array([4.0])),
+SENSOR = camera_of(
+    [1000.0], [4.0], reach_mm=(0.0, 4000.0), fov_deg=(40.0, 30.0), integration_time_ms=1.0, outlier_probability=0.0
 )
 
 

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from support.cameras import camera_of
 
 import tofmix
 from tofmix.arrays import BoolArray, FloatArray
@@ -17,7 +18,6 @@ from tofmix.errors import DoubtWarning
 from tofmix.io.verify import verify
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import beam_directions_of
-from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.suspicion.evidence import log_chance
 from tofmix.suspicion.folded import mark_folded
 from tofmix.suspicion.near_return import mark_near_return
@@ -217,15 +217,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tofmix.Estimat
     range_mm = np.full((2 * FRAMES, 8, 8), 3000.0)
     range_mm[START:STOP, 1:7, 1:7] = 1500.0
     range_mm += rng.normal(0, 10, range_mm.shape)
-    noise = NoiseCurve(np.array([1000.0]), np.array([10.0]))
-    sensor = Sensor(
-        name="made up",
-        fov_horizontal_deg=40.0,
-        fov_vertical_deg=40.0,
-        range_min_mm=100.0,
-        range_max_mm=7000.0,
-        noise=noise,
-    )
+    sensor = camera_of([1000.0], [10.0], reach_mm=(100.0, 7000.0), fov_deg=(40.0, 40.0))
     recording = tofmix.from_array(range_mm, units="mm", sensor=sensor)
     folder = tmp_path_factory.mktemp("passing")
     path = recording.save(folder / "passing.h5")

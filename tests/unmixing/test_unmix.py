@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from blind.geometry import Surface
+from support.cameras import camera_of
 from support.lock_in import FAMILIES, SMALL, Scene, judge, made, random_boards, small, two_boards
 from support.round_things import OPEN_SCENES, SCENES, Thing, cylinder, render, score, sphere, wall
 
@@ -265,13 +266,7 @@ def test_behind_a_mesh_without_a_whole_window_of_one_surface_no_mixed_pixel_is_s
     share = wires.reshape(shape[0], parts, shape[1], parts).mean(axis=(1, 3))
     near, far = 2000.0, 3900.0 + 10.0 * np.indices(shape)[1]
     rng = np.random.default_rng(5)
-    sensor = tm.Sensor(
-        name="camera",
-        modulation_frequency_hz=20e6,
-        fov_horizontal_deg=30.0,
-        fov_vertical_deg=24.0,
-        noise=tm.NoiseCurve(np.array([1000.0, 6000.0]), np.array([20.0, 20.0])),
-    )
+    sensor = camera_of([1000.0, 6000.0], [20.0, 20.0], fov_deg=(30.0, 24.0), modulation_frequency_hz=20e6)
     turn = 2.0 * np.pi / (299_792_458e3 / 2.0 / 20e6)
     if sums:
         light = share * np.exp(1j * turn * near) + (1.0 - share) * 0.3 * np.exp(1j * turn * far)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support import naive
+from support.cameras import camera_of
 from support.drawing import draw
 from support.sizes import sized
 
@@ -167,13 +168,7 @@ def test_probability_is_higher_for_strong_layers(rng: np.random.Generator, senso
 @pytest.mark.parametrize("outliers", [0.3, 1e-4])
 def test_the_probability_of_an_isolated_surface_is_that_of_its_gain_over_outliers(outliers: float) -> None:
     sigma, span, frames = 20.0, 6000.0, 100
-    camera = Sensor(
-        name="isolated",
-        range_min_mm=0.0,
-        range_max_mm=span,
-        outlier_probability=outliers,
-        noise=NoiseCurve(np.array([1000.0]), np.array([sigma])),
-    )
+    camera = camera_of([1000.0], [sigma], reach_mm=(0.0, span), outlier_probability=outliers)
     rng = np.random.default_rng(5)
     samples = np.full((frames, 2), np.nan)
     samples[:, :] = 4000.0 + sigma * rng.standard_normal((frames, 2))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import xarray
 from numpy.typing import NDArray
+from support.cameras import camera_of
 from support.commandline import succeed
 from support.files import boards, write_recording
 
@@ -24,7 +25,7 @@ from tofmix.io.recording.range_check import (
 from tofmix.io.recording.recording_file import RecordingFile, file_sha256, open_recording
 from tofmix.io.recording.recording_writer import RecordingWriter
 from tofmix.recording import ArrayRecording, FrameSpan, TargetSeries, by_target, samples_a_frame
-from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensor import Sensor
 
 EVERYTHING = (slice(None), slice(None))
 
@@ -196,13 +197,7 @@ def test_file_sha256_equals_hashlib(tmp_path: Path) -> None:
         file_sha256(tmp_path / "none")
 
 
-CAMERA = Sensor(
-    name="camera",
-    modulation_frequency_hz=20e6,
-    range_min_mm=300.0,
-    range_max_mm=7500.0,
-    noise=NoiseCurve(np.array([500.0, 5000.0]), np.array([10.0, 80.0])),
-)
+CAMERA = camera_of([500.0, 5000.0], [10.0, 80.0], reach_mm=(300.0, 7500.0), name="camera", modulation_frequency_hz=20e6)
 
 
 def _write(path: Path, samples: np.ndarray, **settings: Any) -> None:  # noqa: ANN401  the writer's own
