@@ -48,9 +48,9 @@ class Effect(Mechanism):
         """Its physical parameters."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}  # type: ignore[attr-defined]
 
-    def equivalent(self, place: Place) -> Parameters:
-        """The parameters of `kind` that come nearest."""
-        raise NotImplementedError
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        """The parameters of `kind` that come nearest: its own, if the kind's law is the same."""
+        return self.physical()
 
     def map(self, device: Device) -> Array | None:  # noqa: ARG002
         """The device's own map (row, col), if the mechanism has one."""
@@ -81,9 +81,6 @@ class MisplacedBoard(Effect):
 
     def scene(self, surfaces: list[Surface], time_s: float) -> list[Surface]:  # noqa: ARG002
         return [s.shifted(self.shift_mm) if s.name == self.surface else s for s in surfaces]
-
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return self.physical()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -266,9 +263,6 @@ class StrayLight(Effect):
         x.charge += np.float32(self.share) * np.where(lit, x.charge, 0).mean(axis=1, keepdims=True)
         x.z = np.where(lit, x.z + np.float32(self.share) * veil, x.z)
 
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return self.physical()
-
 
 @dataclass(frozen=True, kw_only=True)
 class SecondBounce(Effect):
@@ -285,9 +279,6 @@ class SecondBounce(Effect):
         turned = self.share * x.device.phasor(np.array(self.extra_path_mm / 2))
         x.charge[on] += np.float32(self.share) * np.abs(x.z[on])
         x.z[on] *= np.complex64(1 + turned)
-
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return self.physical()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -395,9 +386,6 @@ class WholeBeam(Effect):
             x.z[block] = np.where(hit, total, x.z[block])
             x.charge[block] = np.where(hit, held, x.charge[block])
 
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return self.physical()
-
 
 @dataclass(frozen=True, kw_only=True)
 class AmbientLight(Effect):
@@ -483,9 +471,6 @@ class WildValues(Effect):
         range_mm[hit] = x.rng.uniform(x.device.range_min_mm, x.device.range_max_mm, int(hit.sum()))
         x.lost[hit] = False
 
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return self.physical()
-
 
 @dataclass(frozen=True, kw_only=True)
 class DeadTaps(Effect):
@@ -555,9 +540,6 @@ class Memory(Effect):
             normal[frame] *= fresh
             normal[frame] += keep * normal[frame - 1]
 
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return self.physical()
-
 
 @dataclass(frozen=True, kw_only=True)
 class SecondCamera(Effect):
@@ -621,9 +603,6 @@ class MovingBoard(Effect):
     def scene(self, surfaces: list[Surface], time_s: float) -> list[Surface]:
         return [s.shifted(self.velocity_mm_s * time_s) if s.name == self.surface else s for s in surfaces]
 
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return self.physical()
-
 
 @dataclass(frozen=True, kw_only=True)
 class CoarsePhase(Effect):
@@ -665,6 +644,3 @@ class LeakyPixels(Effect):
             z = self.mixed(x.image(x.z[part])).reshape(-1, shape[1])
             x.z[part] = np.where(lit[part], z, x.z[part])
             x.charge[part] = self.mixed(x.image(x.charge[part])).reshape(-1, shape[1])
-
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return self.physical()
