@@ -134,15 +134,17 @@ NUMBERS: Mapping[str, Number] = {
     "exponent": Number("1", "sigma(r, tau) = sigma(r) * (reference / tau) ** exponent", low=0.0),
     "no_return_mm": Number(
         "mm",
-        "optional: the constant that the camera returns without a surface, sought in the first 100 frames; without one,"
-        " c_0 scatters around `range_max_mm`",
+        "optional: the constant that the camera returns without a surface. `estimate` looks for a missing one in the"
+        " first 100 frames; without one, c_0 scatters around `range_max_mm`",
     ),
     "sample_min_mm": Number(
         "mm",
-        "optional, by `estimate` if `range_max_mm` is unknown: the least valid sample",
+        "optional, written by `estimate` if `range_max_mm` is unknown: the least valid sample",
     ),
     "sample_max_mm": Number("mm", "with it: the greatest one"),
-    "neighbour_correlation": Number("1", "of the noise, under a filter over pixels", low=0, high=1),
+    "neighbour_correlation": Number(
+        "1", "optional: correlation of the noise of neighbours, of a camera that filters over pixels", low=0, high=1
+    ),
 }
 """The numbers of a camera, those of TOML files in their order there."""
 
