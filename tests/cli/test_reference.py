@@ -166,7 +166,7 @@ def test_motion_that_began_before_the_reference_is_named_with_its_speed(
     shown = tofmix("reconcile", "--self=16", recording, "-o", folder)
     assert shown.code == 0, shown.err
     assert f"its first 16 frames: ranges change by {speed_mm_s:+.0f}"[:-2] in shown.err
-    assert "at_rest = true" in (folder / "model.toml").read_text()
+    assert "way_mm = " in (folder / "model.toml").read_text()
     gap = json.loads((folder / "gap.json").read_text())
     assert (gap["verdict"], [e["kind"] for e in gap["effects"]]) == ("explained", ["motion"])
     found, error = (gap["effects"][0][key]["velocity_mm_s"] for key in ("parameters", "stderr"))

@@ -354,6 +354,11 @@ class Effect:
         return 0.0
 
     @property
+    def places_in_time(self) -> bool:
+        """Whether it places surfaces, elsewhere at each time."""
+        return self.level is Level.GEOMETRY and self.changes_in_time
+
+    @property
     def moves(self) -> bool:
         """Whether the scene changes with time."""
         return False
