@@ -1,17 +1,29 @@
 """Recordings in memory, windows, cells, the circle of ranges, and filters over time."""
 
 from dataclasses import replace
+from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.filtered import averaged_up_to
 
 from tofmix.circle import circular_noise, cut_between, fold, has_no_return, open_at
 from tofmix.grid import plan_grid, plan_windows
+from tofmix.io.sensor_group import read_sensor, write_sensor
 from tofmix.recording import ArrayRecording, FrameSpan, independent_samples
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.temporal_filter import ExponentialAverage, RunningMean, RunningMedian, make_filter
+from tofmix.temporal_filter import (
+    ApartMedians,
+    AveragedMedians,
+    ExponentialAverage,
+    RunningMean,
+    RunningMedian,
+    TemporalFilter,
+    make_filter,
+)
 
 
 def test_array_recording_copies_samples_and_stores_invalid_as_nan(sensor: Sensor) -> None:
@@ -205,6 +217,41 @@ def test_inverse_of_an_average_gives_the_samples(share: float) -> None:
     np.testing.assert_allclose(found[1:], samples[1:], atol=0.01)
 
 
+def test_inverse_of_an_average_that_takes_jumps_at_once_gives_the_samples() -> None:
+    samples = np.random.default_rng(1).normal(2000.0, 300.0, (200, 7))
+    stored = averaged_up_to(samples, 0.4, 150.0)
+    found = ExponentialAverage(0.4, 150.0).independent(stored.astype(np.float32), 0)
+    np.testing.assert_allclose(found[1:], samples[1:], atol=0.01)
+    assert 0.2 < (stored == samples)[1:].mean() < 0.9
+
+
+@pytest.mark.parametrize("window", [3, 5])
+def test_shares_and_moments_of_medians_that_are_apart_lead_back_to_the_samples(window: int) -> None:
+    median, (medians, _) = ApartMedians(float(window)), _medians(window, 0.3)
+    near = medians[::window][medians[::window] < 50.0]
+    share = near.size / medians[::window].size
+    assert share < 0.25
+    assert median.shares_of_samples(np.array([[share, 1.0 - share]]))[0][0, 0] == pytest.approx(0.3, abs=0.01)
+    mean, sd = median.moments(0.0, 0.3)
+    assert near.mean() == pytest.approx(mean, abs=0.05)
+    assert near.std() == pytest.approx(sd, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        ExponentialAverage(0.3, 40.0),
+        AveragedMedians(ExponentialAverage(0.3, 40.0), 3),
+        AveragedMedians(RunningMean(4.0), 5),
+    ],
+)
+def test_composed_filters_are_kept_in_files(found: TemporalFilter, tmp_path: Path) -> None:
+    sensor = Sensor(name="camera", temporal_filter=found)
+    with h5py.File(tmp_path / "sensor.h5", "w") as file:
+        write_sensor(file, sensor, image=(1, 1))
+        assert read_sensor(file, tmp_path).temporal_filter == found
+
+
 def test_rounding_of_stored_values_is_that_of_their_inverse() -> None:
     rounding = np.random.default_rng(3).uniform(-0.5, 0.5, (20_000, 3)).astype(np.float32)
     found = ExponentialAverage(0.1).independent(rounding, 0)
@@ -290,7 +337,8 @@ def test_samples_of_several_surfaces_are_unknown_in_runs_of_few_windows() -> Non
 
 def test_recording_is_the_same_read_in_blocks() -> None:
     samples = np.random.default_rng(2).normal(2000.0, 9.0, (240, 6, 5)).astype(np.float32)
-    for kind in (ExponentialAverage(0.3), RunningMedian(3.0), RunningMean(4.0)):
+    apart = AveragedMedians(ExponentialAverage(0.3, 40.0), 3)
+    for kind in (ExponentialAverage(0.3), RunningMedian(3.0), RunningMean(4.0), apart):
         source = independent_samples(ArrayRecording(samples, Sensor(name="camera", temporal_filter=kind)))
         whole = source.read_range(slice(0, 240), slice(0, 6))
         parts = [source.read_range(slice(k, k + 7), slice(2, 4)) for k in range(0, 240, 7)]
@@ -310,3 +358,19 @@ def test_recording_without_a_filter_is_the_recording() -> None:
 def test_filters_that_cannot_be_are_refused(kind: str, parameter: float) -> None:
     with pytest.raises(ValueError, match="temporal filter"):
         make_filter(kind, parameter)
+
+
+@pytest.mark.parametrize(
+    ("kind", "extra"),
+    [
+        ("running_mean", {"threshold_mm": 40.0}),
+        ("exponential_average", {"threshold_mm": -1.0}),
+        ("held_values", {"median": 3.0}),
+        ("exponential_average", {"median": 4.0}),
+        ("exponential_average", {"median": 3.5}),
+    ],
+)
+def test_composed_filters_that_cannot_be_are_refused(kind: str, extra: dict[str, float]) -> None:
+    parameter = 3.0 if kind == "running_mean" else 0.5
+    with pytest.raises(ValueError, match="temporal filter"):
+        make_filter(kind, parameter, **extra)

@@ -98,8 +98,8 @@ MIXING_MEANINGS: dict[Mixing, str] = {
     Mixing.ONE_SURFACE: "the pixel sees one surface, or none",
     Mixing.EVENTS: "each sample shows one of several surfaces",
     Mixing.PHASOR: "samples are phasor sums of several surfaces; the layers are unmixed with the help of neighbours",
-    Mixing.UNDECIDED: "samples may be phasor sums of surfaces that cannot be determined; the layers are those of"
-    " events",
+    Mixing.UNDECIDED: "samples may be phasor sums, or filtered over pixels, of surfaces that cannot be determined; the"
+    " layers are those of events",
 }
 
 

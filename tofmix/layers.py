@@ -221,9 +221,14 @@ class Provenance:
         return "mixing" in self.options
 
     @property
+    def has_mixing(self) -> bool:
+        """Whether layers say the kind of mixing."""
+        return self.is_unmixed or self.sensor.filters_over_pixels
+
+    @property
     def fields(self) -> tuple[LayerField, ...]:
         """Datasets of the layers."""
-        return layer_fields(self.sensor, amplitude=self.has_amplitude, mixing=self.is_unmixed)
+        return layer_fields(self.sensor, amplitude=self.has_amplitude, mixing=self.has_mixing)
 
     @property
     def samples_a_frame(self) -> int:

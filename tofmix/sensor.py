@@ -244,6 +244,8 @@ class Sensor:
     sample_min_mm, sample_max_mm : float or None
         Least and largest valid sample of the recording, where `range_max_mm` is not known: random values spread
         between them (`tofmix.estimation.samples`). None: not looked for.
+    neighbour_correlation : float or None
+        Correlation of the noise of neighbouring pixels, where the camera filters ranges over them. None: it does not.
     noise : NoiseCurve or None
         sigma(r) at `integration_time_ms`.
     learnt : LearntNoise or None
@@ -275,6 +277,7 @@ class Sensor:
     no_return_mm: float | None = None
     sample_min_mm: float | None = None
     sample_max_mm: float | None = None
+    neighbour_correlation: float | None = None
     noise: NoiseCurve | None = None
     learnt: LearntNoise | None = None
     range_step_mm: FloatArray | None = None
@@ -318,6 +321,11 @@ class Sensor:
         if step.ndim == 1 and self.noise is not None:
             return RangeStep(self.noise.range_mm, step)
         return RangeStep.common(float(step)) if step.ndim == 0 else RangeStep.of_pixels(step)
+
+    @property
+    def filters_over_pixels(self) -> bool:
+        """Whether samples at edges are of several pixels."""
+        return self.neighbour_correlation is not None
 
     @property
     def is_lock_in(self) -> bool | None:

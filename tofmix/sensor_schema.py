@@ -134,14 +134,15 @@ NUMBERS: Mapping[str, Number] = {
     "exponent": Number("1", "sigma(r, tau) = sigma(r) * (reference / tau) ** exponent", low=0.0),
     "no_return_mm": Number(
         "mm",
-        "optional: the constant that the camera returns without a surface. If it is missing, `estimate` searches the"
-        " first 100 frames for one; without a constant, c_0 scatters around `range_max_mm`",
+        "optional: the constant that the camera returns without a surface, sought in the first 100 frames; without one,"
+        " c_0 scatters around `range_max_mm`",
     ),
     "sample_min_mm": Number(
         "mm",
-        "optional, written by `estimate` if `range_max_mm` is unknown: the least valid sample of the recording",
+        "optional, by `estimate` if `range_max_mm` is unknown: the least valid sample",
     ),
     "sample_max_mm": Number("mm", "with it: the greatest one"),
+    "neighbour_correlation": Number("1", "of the noise, under a filter over pixels", low=0, high=1),
 }
 """The numbers of a camera, those of TOML files in their order there."""
 
@@ -161,7 +162,7 @@ SENSOR_NUMBERS = (
 )
 """Numbers of a `Sensor` that every HDF5 file has; NaN means an unknown number."""
 
-RARE_SENSOR_NUMBERS = ("no_return_mm", "sample_min_mm", "sample_max_mm")
+RARE_SENSOR_NUMBERS = ("no_return_mm", "sample_min_mm", "sample_max_mm", "neighbour_correlation")
 """Numbers of a `Sensor` that a file leaves out if they are not known; a camera's TOML file has none of them."""
 
 NOT_NEEDED = ("modulation_frequency_hz", "default_integration_time_ms")

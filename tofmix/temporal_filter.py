@@ -7,7 +7,7 @@ one surface to another within a frame, and the memory is a part of the learnt no
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise, product
 from typing import ClassVar, Protocol, Self
@@ -37,8 +37,11 @@ class TemporalFilter(Protocol):
         Whether independent samples are stored values, and need no other frame.
     """
 
-    kind: ClassVar[str]
     keeps_values: ClassVar[bool]
+
+    @property
+    def kind(self) -> str:
+        """Its name in files."""
 
     @property
     def parameter(self) -> float:
@@ -73,24 +76,42 @@ class TemporalFilter(Protocol):
 class ExponentialAverage:
     """y_t = a x_t + (1 - a) y_(t-1): its inverse gives every sample x_t again.
 
+    A camera may take a jump at once: y_t = x_t where x_t is farther than a threshold d from y_(t-1). Then no step
+    y_t - y_(t-1) is between a d and d, so that its length tells which it was.
+
     Parameters
     ----------
     parameter : float
         a, the share of the new sample, in (0, 1).
+    threshold_mm : float
+        d, above 0; infinite where no jump is taken at once.
 
     Raises
     ------
     ValueError
-        If it is out of its bounds.
+        If one is out of its bounds.
     """
 
     parameter: float
+    threshold_mm: float = math.inf
     kind: ClassVar[str] = "exponential_average"
     keeps_values: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if not 0 < self.parameter < 1:
             raise ValueError(f"temporal filter: the share of the new sample, {self.parameter:g}, is not in (0, 1)")
+        if not self.threshold_mm > 0:
+            raise ValueError(f"temporal filter: the jump taken at once, {self.threshold_mm:g} mm, is not above 0")
+
+    @property
+    def resets(self) -> bool:
+        """Whether jumps are taken at once."""
+        return math.isfinite(self.threshold_mm)
+
+    @property
+    def edge_mm(self) -> float:
+        """Length of a step y_t - y_(t-1) from which on it is a jump: amid a d and d, rounding changes it least."""
+        return math.sqrt(self.parameter) * self.threshold_mm
 
     def spans(self, first: int, last: int, frames: int) -> list[slice]:  # noqa: ARG002  it does not matter
         """The frames themselves and the one before."""
@@ -100,7 +121,9 @@ class ExponentialAverage:
         """x_t = y_(t-1) + (y_t - y_(t-1)) / a; NaN in the first frame, and after a lost sample."""
         out = np.full(stored_mm.shape, np.nan, dtype=np.float32)
         before = stored_mm[:-1].astype(np.float64)
-        out[1:] = before + (stored_mm[1:] - before) / self.parameter
+        step = stored_mm[1:] - before
+        averaged = before + step / self.parameter
+        out[1:] = np.where(np.abs(step) > self.edge_mm, stored_mm[1:], averaged)
         return out
 
     def for_noise(self) -> TemporalFilter:
@@ -117,7 +140,8 @@ class ExponentialAverage:
 
     def words(self) -> str:
         """The filter in a few words."""
-        return f"exponential average, {self.parameter:.3g} of the new sample"
+        at_once = f", jumps of more than {self.threshold_mm:.3g} mm at once" if self.resets else ""
+        return f"exponential average, {self.parameter:.3g} of the new sample{at_once}"
 
 
 def _check_window(window: float, what: str) -> None:
@@ -184,7 +208,7 @@ class RunningMedian:
 
     def worth(self, frames: int) -> int:
         """Samples that are seen in so many frames."""
-        return max(1, round(frames * float(_cumulated(self.window)[-1])))
+        return max(1, round(frames * float(_cumulated(self)[-1])))
 
     def words(self) -> str:
         """The filter in a few words."""
@@ -223,16 +247,7 @@ class RunningMedian:
 
         A slope is the change of a share with that of seen samples: standard errors take it as a factor.
         """
-        cumulated = _cumulated(self.window)
-        quantiles = np.linspace(0.0, 1.0, len(cumulated))
-        ends = np.interp(np.cumsum(shares, axis=1), cumulated / cumulated[-1], quantiles)
-        ends[:, -1] = 1.0
-        below = np.concatenate([np.zeros((len(shares), 1)), ends[:, :-1]], axis=1)
-        inner, outer = (
-            np.where((end > 0.0) & (end < 1.0), self.seen(end) / cumulated[-1], np.inf) for end in (below, ends)
-        )
-        slope = 1.0 / np.minimum(inner, outer)
-        return ends - below, np.where(slope > 0.0, slope, 1.0)
+        return _shares_of_samples(self, shares)
 
     def moments(self, below: float, above: float) -> tuple[float, float]:
         """Mean and sd of a surface's seen samples in its sigmas; shares before and with it are `below` and `above`."""
@@ -257,11 +272,24 @@ def _seen_ways(window: int) -> tuple[int, ...]:
 
 
 @lru_cache(maxsize=8)
-def _cumulated(window: int) -> FloatArray:
-    """Integral of `RunningMedian.seen` from 0 to each of evenly spaced quantiles up to 1."""
+def _cumulated(median: "RunningMedian | ApartMedians") -> FloatArray:
+    """Integral of `seen` from 0 to each of evenly spaced quantiles up to 1."""
     edges = np.linspace(0.0, 1.0, _QUANTILES)
-    middle = RunningMedian(float(window)).seen(0.5 * (edges[1:] + edges[:-1]))
+    middle = median.seen(0.5 * (edges[1:] + edges[:-1]))
     return np.concatenate([[0.0], np.cumsum(middle) / (_QUANTILES - 1)])
+
+
+def _shares_of_samples(median: "RunningMedian | ApartMedians", shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+    cumulated = _cumulated(median)
+    quantiles = np.linspace(0.0, 1.0, len(cumulated))
+    ends = np.interp(np.cumsum(shares, axis=1), cumulated / cumulated[-1], quantiles)
+    ends[:, -1] = 1.0
+    below = np.concatenate([np.zeros((len(shares), 1)), ends[:, :-1]], axis=1)
+    inner, outer = (
+        np.where((end > 0.0) & (end < 1.0), median.seen(end) / cumulated[-1], np.inf) for end in (below, ends)
+    )
+    slope = 1.0 / np.minimum(inner, outer)
+    return ends - below, np.where(slope > 0.0, slope, 1.0)
 
 
 def _drawn_medians(median: RunningMedian) -> Float32Array:
@@ -285,7 +313,7 @@ def _dependence(median: RunningMedian) -> float:
 
 
 @lru_cache(maxsize=4096)
-def _moments(median: RunningMedian, below: float, above: float) -> tuple[float, float]:
+def _moments(median: "RunningMedian | ApartMedians", below: float, above: float) -> tuple[float, float]:
     from scipy.special import ndtri
 
     quadrature = 200  # points of the integral over a surface's samples
@@ -343,8 +371,25 @@ class ApartMedians:
         from scipy.special import ndtri
 
         u = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
-        weight = (u * (1.0 - u)) ** ((int(self.parameter) - 1) // 2)
+        weight = self.seen(u)
         return math.sqrt(float((weight * ndtri(u) ** 2).sum() / weight.sum()))
+
+    def seen(self, quantile: FloatArray) -> FloatArray:
+        """Density of a median at a quantile of the samples' distribution, over a constant."""
+        u = np.asarray(quantile, dtype=np.float64)
+        return np.asarray((4.0 * u * (1.0 - u)) ** ((int(self.parameter) - 1) // 2))
+
+    def shares_of_samples(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Shares of samples (pixel, n), near to far, from those of medians; and their slopes."""
+        return _shares_of_samples(self, shares)
+
+    def moments(self, below: float, above: float) -> tuple[float, float]:
+        """Mean and sd of a surface's medians in its sigmas; shares before and with it are `below` and `above`."""
+        return _moments(self, round(below, 3), round(above, 3))
+
+    def dependence(self) -> float:
+        """No two have a common sample."""
+        return 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -409,6 +454,70 @@ class RunningMean:
     def words(self) -> str:
         """The filter in a few words."""
         return f"mean of {self.parameter:g}"
+
+
+@dataclass(frozen=True, slots=True)
+class AveragedMedians:
+    """An average of running medians: its inverse gives the medians again, of which one in m is taken.
+
+    Parameters
+    ----------
+    average : ExponentialAverage or RunningMean
+        The average.
+    window : int
+        m, odd, at least 3.
+
+    Raises
+    ------
+    ValueError
+        If the window is not.
+    """
+
+    average: ExponentialAverage | RunningMean
+    window: int
+    keeps_values: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        RunningMedian(float(self.window))  # refuses others
+
+    @property
+    def kind(self) -> str:
+        """That of the average."""
+        return self.average.kind
+
+    @property
+    def parameter(self) -> float:
+        """That of the average."""
+        return self.average.parameter
+
+    @property
+    def medians(self) -> ApartMedians:
+        """The medians that are taken."""
+        return ApartMedians(float(self.window))
+
+    def spans(self, first: int, last: int, frames: int) -> list[slice]:
+        """Those of the average."""
+        return self.average.spans(first, last, frames)
+
+    def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:
+        """One median of each m, by the inverse of the average."""
+        return self.medians.independent(self.average.independent(stored_mm, first), first)
+
+    def rounding_mm(self, step_mm: float) -> float:
+        """That of the average."""
+        return self.average.rounding_mm(step_mm)
+
+    def for_noise(self) -> TemporalFilter:
+        """Noise is learnt from the same samples."""
+        return self
+
+    def worth(self, frames: int) -> int:
+        """Medians without a common sample."""
+        return max(1, frames // self.window)
+
+    def words(self) -> str:
+        """The filter in a few words."""
+        return f"median of {self.window}, then {self.average.words()}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -506,14 +615,38 @@ FILTERS: dict[str, type[ExponentialAverage] | type[RunningMedian] | type[Running
 """Filters by their name in files."""
 
 
-def make_filter(kind: str, parameter: float) -> TemporalFilter:
+def make_filter(
+    kind: str, parameter: float, *, threshold_mm: float | None = None, median: float | None = None
+) -> TemporalFilter:
     """The filter of a kind.
+
+    Parameters
+    ----------
+    kind : str
+        One of `FILTERS`.
+    parameter : float
+        Its number.
+    threshold_mm : float, optional
+        Of an exponential average that takes jumps at once.
+    median : float, optional
+        Frames of the median before an average.
 
     Raises
     ------
     ValueError
-        If the kind is not known, or the parameter is out of its bounds.
+        If the kind is not known, or a number is out of its bounds or of another kind.
     """
     if kind not in FILTERS:
         raise ValueError(f"temporal filter: {kind!r} is not known; known: {', '.join(FILTERS)}")
-    return FILTERS[kind](parameter)
+    found = FILTERS[kind](parameter)
+    if threshold_mm is not None:
+        if not isinstance(found, ExponentialAverage):
+            raise ValueError(f"temporal filter: {kind} has no jump that is taken at once")
+        found = replace(found, threshold_mm=threshold_mm)
+    if median is None:
+        return found
+    if not isinstance(found, (ExponentialAverage, RunningMean)):
+        raise ValueError(f"temporal filter: {kind} has no median before it")  # noqa: TRY004  a value of a file
+    if not float(median).is_integer():
+        raise ValueError(f"temporal filter: a median of {median:g} frames")
+    return AveragedMedians(found, int(median))

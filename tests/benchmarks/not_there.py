@@ -12,7 +12,7 @@ from importlib import import_module
 
 PARTS = {
     "clutter": "fog, rain and uniform dark counts before a net and a wall",
-    "filters": "averages, medians and means over time in the camera; memory of ranges that is no filter",
+    "filters": "averages, medians and means over time or pixels in the camera; memory that is no filter",
     "lost": "a box that returns no valid sample, or few, before a wall; samples lost by chance",
     "shares": "edges where samples are drawn by brightness, or the strongest return is kept",
     "suspects": "scattered light, folded walls, people who pass, cover glasses; false marks of real recordings",

@@ -5,13 +5,14 @@ import math
 import shlex
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from benchmarks import binning
 from click.testing import CliRunner
-from support.filtered import SENSOR, Scene, averaged, over_windows, stored
+from support.filtered import SENSOR, Scene, averaged, averaged_up_to, over_neighbours, over_windows, stored
 from support.sizes import sized
 
 import tofmix
@@ -21,8 +22,16 @@ from tofmix.compiled.vector import LANES
 from tofmix.errors import DoubtWarning
 from tofmix.estimation.filters import common_motion, find_repeats, learn_filter
 from tofmix.estimation.samples import BIN, FARTHEST_MM, LONG_WINDOW, Readings, gather, padded, sort_samples
+from tofmix.estimation.spatial_filters import neighbour_correlation
 from tofmix.recording import ArrayRecording
-from tofmix.temporal_filter import ExponentialAverage, HeldValues, RunningMean, RunningMedian, TemporalFilter
+from tofmix.temporal_filter import (
+    AveragedMedians,
+    ExponentialAverage,
+    HeldValues,
+    RunningMean,
+    RunningMedian,
+    TemporalFilter,
+)
 
 
 def test_valid_samples_come_first_and_ascend(rng: np.random.Generator) -> None:
@@ -219,6 +228,77 @@ def test_running_mean_is_found_with_its_window(window: int, frames: int) -> None
     assert _found(means, frames) == RunningMean(float(window))
 
 
+@pytest.mark.parametrize(("share", "jump_mm"), [(0.4, 25.0), (0.4, 100.0), (0.2, 60.0)])
+def test_average_that_takes_jumps_at_once_is_found(share: float, jump_mm: float) -> None:
+    found = _found(averaged_up_to(Scene(SHAPE, 14).draw(FRAMES), share, jump_mm))
+    assert isinstance(found, ExponentialAverage)
+    assert found.parameter == pytest.approx(share, rel=0.2)
+    assert 0.7 * jump_mm < found.threshold_mm < 2500.0  # the surfaces are as far apart
+
+
+def test_average_of_medians_is_found() -> None:
+    medians = over_windows(Scene(SHAPE, 15).draw(FRAMES), 3, median=True)
+    found = _found(averaged(medians, 0.35))
+    assert isinstance(found, AveragedMedians)
+    assert found.window == 3
+    assert found.parameter == pytest.approx(0.35, rel=0.004)
+    for window in (2, 3, 4):
+        assert _found(over_windows(medians, window, median=False)) == AveragedMedians(RunningMean(float(window)), 3)
+
+
+def _shared(samples: FloatArray) -> float | None:
+    return neighbour_correlation(ArrayRecording(stored(samples, FRAMES), SENSOR))
+
+
+def test_filters_over_pixels_are_found_by_the_noise_of_neighbours() -> None:
+    samples = Scene(SHAPE, 18).draw(FRAMES)
+    for filtered in (
+        over_neighbours(samples, median=True),
+        over_neighbours(samples, median=False, jump_mm=100.0),
+        over_neighbours(averaged(samples, 0.4), median=True),
+        averaged_up_to(over_neighbours(samples, median=True), 0.4, 60.0),
+    ):
+        shared = _shared(filtered)
+        assert shared is not None
+        assert 0.2 < shared < 0.8
+
+
+def test_noise_of_rows_frames_blocks_and_motion_is_no_filter_over_pixels() -> None:
+    scene = Scene(SHAPE, 19)
+    samples, rng = scene.draw(FRAMES), scene.rng
+    frames, (rows, cols) = len(samples), SHAPE
+    assert _shared(samples) is None
+    assert _shared(averaged(samples, 0.4)) is None
+    assert _shared(samples + rng.normal(0.0, 30.0, (frames, rows, 1))) is None
+    assert _shared(samples + rng.normal(0.0, 30.0, (frames, 1, 1))) is None
+    assert _shared(samples + np.kron(rng.normal(0.0, 8.0, (frames, 2, 2)), np.ones((rows // 2, cols // 2)))) is None
+    passing = (np.abs(np.arange(cols) - np.linspace(0, cols, frames)[:, None]) < 4.0)[:, None]
+    assert _shared(np.where(passing, 1200.0 + rng.normal(0.0, 8.0, samples.shape), samples)) is None
+
+
+@pytest.mark.parametrize("median", [False, True])
+def test_pixels_of_several_surfaces_behind_a_filter_over_pixels_are_undecided(median: bool, tmp_path: Path) -> None:
+    scene = Scene(SHAPE, 20)
+    ranges = stored(over_neighbours(scene.draw(FRAMES), median=median, jump_mm=100.0), FRAMES)
+    recording = tofmix.from_array(ranges, units="mm", sensor=replace(SENSOR, noise=None))
+    with pytest.warns(DoubtWarning, match="over neighbouring pixels.*undecided.*spatial filter off") as said:
+        found = tofmix.estimate(recording, noise="auto", workers=2)
+    assert sum("filter" in str(one.message) for one in said) == 1
+    assert found.mixing is not None
+    assert (found.n_modes > 1).any()
+    assert (found.mixing[found.n_modes > 1] == 3).all()
+    assert not (found.probability[found.n_modes > 1] > 0.5).any()
+    path, runner = recording.save(tmp_path / "over.h5"), CliRunner()
+    result = runner.invoke(main, ["estimate", str(path), "--noise", "auto"])
+    assert (result.exit_code, "undecided, not counted" in result.stdout) == (0, True)
+    assert "spatial filter off" in result.stderr
+    result = runner.invoke(main, ["verify", str(tmp_path / "over.layers.h5")])
+    assert (result.exit_code, "no fault" in result.stdout) == (0, True)
+    kept = tofmix.open(tmp_path / "over.layers.h5")
+    assert isinstance(kept, tofmix.Estimate)
+    np.testing.assert_array_equal(kept.mixing, found.mixing)
+
+
 @pytest.mark.parametrize("memory", [0.0, 0.3, 0.6, 0.9])
 def test_noise_with_a_memory_is_no_filter(memory: float) -> None:
     assert _found(Scene(SHAPE, 4).draw(FRAMES, memory=memory)) is None
@@ -248,6 +328,42 @@ def test_mixed_pixels_of_an_average_are_found_and_said_with_the_remedy(share: fl
     assert (n[~mixed] > 1).mean() < 0.01
     assert found.n_samples.max() == FRAMES - 1
     np.testing.assert_allclose(np.median(found.range[0][mixed][:, 0] - scene.near_mm[mixed]), 0.0, atol=3.0)
+
+
+@pytest.mark.parametrize(("share", "jump_mm"), [(0.4, 25.0), (0.4, 100.0)])
+def test_mixed_pixels_of_an_average_that_takes_jumps_at_once_have_their_two_layers(
+    share: float, jump_mm: float
+) -> None:
+    scene = Scene(SHAPE, 16)
+    ranges = stored(averaged_up_to(scene.draw(FRAMES), share, jump_mm), FRAMES)
+    with pytest.warns(DoubtWarning, match="jumps of more than .* temporal filter off") as said:
+        found = tofmix.estimate(tofmix.from_array(ranges, units="mm", sensor=SENSOR), noise="file", workers=2)
+    assert sum("filter" in str(one.message) for one in said) == 1
+    mixed, n = scene.mixed, found.n_modes[0]
+    assert (n[mixed] == 2).mean() > 0.97
+    assert (n[~mixed] > 1).mean() < 0.01
+    both = mixed & (n == 2)
+    z = (found.range[0][both][:, 0] - scene.near_mm[both]) / found.range_stderr[0][both][:, 0]
+    assert np.sqrt(np.mean(z**2)) < 1.3
+
+
+@pytest.mark.parametrize("mean", [False, True])
+def test_mixed_pixels_of_an_average_of_medians_have_their_two_layers(mean: bool) -> None:
+    scene = Scene(SHAPE, 17)
+    medians = over_windows(scene.draw(FRAMES), 3, median=True)
+    ranges = stored(over_windows(medians, 3, median=False) if mean else averaged(medians, 0.4), FRAMES)
+    with pytest.warns(DoubtWarning, match="median of 3, then .* tell as much as 33 .*temporal filter off") as said:
+        found = tofmix.estimate(tofmix.from_array(ranges, units="mm", sensor=SENSOR), noise="file", workers=2)
+    assert sum("filter" in str(one.message) for one in said) == 1
+    mixed, n = scene.mixed, found.n_modes[0]
+    assert (n[mixed] > 2).mean() <= 0.02
+    assert (n[~mixed] > 1).mean() < 0.01
+    both = mixed & (n == 2)
+    assert both.sum() > 0.85 * mixed.sum()
+    off = found.weight[0][both][:, 0] - scene.share[both]
+    assert abs(np.polyfit(scene.share[both], off, 1)[0]) < 0.15  # uncorrected, the slope is 0.4
+    z = (found.range[0][both][:, 0] - scene.near_mm[both]) / found.range_stderr[0][both][:, 0]
+    assert np.sqrt(np.mean(z**2)) < 1.5
 
 
 def test_shares_and_ranges_behind_a_median_are_those_of_the_samples() -> None:

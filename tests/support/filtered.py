@@ -69,6 +69,25 @@ def averaged(samples: FloatArray, share: float) -> FloatArray:
     return out
 
 
+def averaged_up_to(samples: FloatArray, share: float, jump_mm: float) -> FloatArray:
+    """The same, but for samples (frame, ...) farther than a jump from the average before, which replace it."""
+    out = samples.copy()
+    for frame in range(1, len(out)):
+        step = samples[frame] - out[frame - 1]
+        out[frame] = np.where(np.abs(step) < jump_mm, out[frame - 1] + share * step, samples[frame])
+    return out
+
+
+def over_neighbours(samples: FloatArray, *, median: bool, jump_mm: float = np.inf) -> FloatArray:
+    """Medians, or means of those within a jump of the middle, of 3 x 3 pixels of samples (frame, row, col)."""
+    rows, cols = samples.shape[1:]
+    padded = np.pad(samples, ((0, 0), (1, 1), (1, 1)), mode="edge")
+    parts = np.stack([padded[:, i : i + rows, j : j + cols] for i in range(3) for j in range(3)])
+    if median:
+        return np.asarray(np.median(parts, axis=0))
+    return np.asarray(np.mean(parts, axis=0, where=np.abs(parts - samples) < jump_mm))
+
+
 def over_windows(samples: FloatArray, window: int, *, median: bool) -> FloatArray:
     """Running median or mean of samples (frame, ...); the first frames are left out."""
     parts = np.lib.stride_tricks.sliding_window_view(samples, window, axis=0)

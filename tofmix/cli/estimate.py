@@ -307,7 +307,7 @@ def describe(outcome: "Outcome", findings: Sequence["Finding"], shard: "Shard") 
     from tofmix.report.summary.findings import split_notes
 
     (rows, cols), windows = outcome.grid.image, outcome.windows
-    undecided = () if outcome.mixture is None else _undecided(outcome.target)
+    undecided = () if shard != WHOLE else _undecided(outcome.target)
     decided = [count - without for count, without in zip_longest(outcome.tally, undecided, fillvalue=0)]
     found = ", ".join(f"{n}: {count:,}" for n, count in enumerate(decided) if count) or "none"
     found += f"; {sum(undecided):,} undecided, not counted" if any(undecided) else ""
@@ -333,6 +333,7 @@ def describe(outcome: "Outcome", findings: Sequence["Finding"], shard: "Shard") 
     }
     if outcome.mixture is not None:
         said["mixing"] = outcome.mixture.as_dict()
+    if outcome.mixture is not None or any(undecided):
         said["undecided_by_surfaces"] = list(undecided)
     return line, said | ({"targets": outcome.targets} if outcome.targets else {})
 

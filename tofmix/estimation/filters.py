@@ -27,12 +27,21 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.bounds import AtLeastTwo, Count, Factor, Share, checked
 from tofmix.compiled.vector import MAD_TO_SIGMA
-from tofmix.estimation.noise.series import read_runs
+from tofmix.estimation.composed_filters import Samples, composed_filter
+from tofmix.estimation.noise.series import quantisation_step, read_runs
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.layers import Layers
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import Sensor
-from tofmix.temporal_filter import ExponentialAverage, HeldValues, RunningMean, RunningMedian, TemporalFilter
+from tofmix.temporal_filter import (
+    ApartMedians,
+    AveragedMedians,
+    ExponentialAverage,
+    HeldValues,
+    RunningMean,
+    RunningMedian,
+    TemporalFilter,
+)
 
 
 def layers_before_filter(layers: Layers, sensor: Sensor) -> None:
@@ -43,9 +52,11 @@ def layers_before_filter(layers: Layers, sensor: Sensor) -> None:
     found = sensor.temporal_filter
     if isinstance(found, RunningMedian):
         _before_median(layers, sensor, found)
+    elif isinstance(found, AveragedMedians):
+        _before_median(layers, sensor, found.medians)
 
 
-def _before_median(layers: Layers, sensor: Sensor, median: RunningMedian) -> None:
+def _before_median(layers: Layers, sensor: Sensor, median: RunningMedian | ApartMedians) -> None:
     """Shares and ranges before a median; errors by the spread and dependence of seen samples.
 
     Sigma is the curve's: a fit of sigma follows the spread of seen samples, which differs between surfaces.
@@ -101,6 +112,8 @@ class FilterSettings(NamedTuple):
     least_correlation, correlation_tolerance : float
         Least correlation of a filter from frame to frame, in both kinds of pixels; difference between the two that
         their means, which are removed, and rounding explain.
+    undone_tolerance : float
+        Difference of the correlations of undone samples from those of running medians that rounding explains.
     agreeing : float
         Least share of the wide pixels that the inverse explains better.
     windows, mean_windows : tuple of int
@@ -119,6 +132,7 @@ class FilterSettings(NamedTuple):
     wide: Factor = 4.0
     least_correlation: Share = 0.1
     correlation_tolerance: Share = 0.2
+    undone_tolerance: Share = 0.15
     agreeing: Share = 0.75
     windows: tuple[AtLeastTwo, ...] = (3, 5, 7, 9)
     mean_windows: tuple[AtLeastTwo, ...] = tuple(range(2, 17))
@@ -155,7 +169,9 @@ def learn_filter(source: SampleSource, settings: FilterSettings = DEFAULT_SETTIN
         found = _median_filter(stored, settings) or _linear_filter(stored, settings)
     if found is None and (repeats := _repeats(stored, settings)) is not None:
         return HeldValues(repeats.share)
-    return found
+    if isinstance(found, RunningMedian) or _stored_twice(stored, settings):
+        return found
+    return _composed(stored, settings) or found
 
 
 class Repeats(NamedTuple):
@@ -267,6 +283,33 @@ def _returns(stored: FloatArray, lag: int) -> float:
     """Share of the samples (pixel, frame) that equal the one `lag` frames before, which the next one differed from."""
     before = stored[:, :-lag]
     return float(np.mean((stored[:, lag:] == before) & (stored[:, 1 : 1 - lag] != before)))
+
+
+def _composed(stored: FloatArray, settings: FilterSettings) -> TemporalFilter | None:
+    """The average that takes jumps at once, or that of medians, of samples (pixel, frame)."""
+    low, middle, high = _quantiles(stored, (0.05, 0.5, 0.95))
+    spread = high - low
+    noise = _noise_of_range(middle, spread)
+    whole = np.isfinite(stored).all(axis=1) & (noise > 0.0)
+    wide, calm = (np.flatnonzero(whole & part) for part in (spread > settings.wide * noise, spread <= 2.0 * noise))
+    if len(calm) < settings.least_pixels or _correlation(stored[calm], 1) < settings.least_correlation:
+        return None
+    chosen = np.concatenate([part[_few(len(part), settings)] for part in (wide, calm)])
+    return composed_filter(
+        Samples(
+            stored=stored[chosen],
+            noise=noise[chosen],
+            is_wide=np.arange(len(chosen)) < min(len(wide), 8 * settings.least_pixels),
+            steps=np.sort(np.abs(np.diff(stored[whole], axis=1)).ravel()),
+            step_mm=quantisation_step(stored[calm].astype(np.float32)),
+            calm=stored[calm[:: max(1, len(calm) // (16 * settings.least_pixels))]],
+        ),
+        lambda share: _exponential(stored[wide], noise[wide], 1.0 - share, settings),
+        medians=settings.windows,
+        means=settings.mean_windows,
+        tolerance=settings.undone_tolerance,
+        agreeing=settings.agreeing,
+    )
 
 
 def _linear_filter(stored: FloatArray, settings: FilterSettings) -> TemporalFilter | None:

@@ -19,6 +19,7 @@ from tofmix.estimation.noise.measurement import MeasuredNoise, disagreement, mea
 from tofmix.estimation.noise.steps import step_of_recording
 from tofmix.estimation.samples import sensor_with_span
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
+from tofmix.estimation.spatial_filters import neighbour_correlation
 from tofmix.estimation.unrolling import UnrolledSource
 from tofmix.noise_shape import WHOLE_MM, RangeStep
 from tofmix.options import NOISE
@@ -31,7 +32,7 @@ from tofmix.recording import (
     samples_a_frame,
 )
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.temporal_filter import ApartMedians, RunningMedian
+from tofmix.temporal_filter import ApartMedians, AveragedMedians, RunningMedian
 
 T = TypeVar("T")
 
@@ -246,9 +247,11 @@ class _Chooser:
         return independent_samples(self.stored(sensor), for_noise=True)
 
     def _with_filter(self, given: Sensor) -> Sensor:
-        """The sensor with the camera's temporal filter: the file's, or the one that the samples show."""
+        """The sensor with the camera's filters: the file's, or those that the samples show."""
         if self.options.paper:
-            return replace(given, temporal_filter=None)
+            return replace(given, temporal_filter=None, neighbour_correlation=None)
+        if given.neighbour_correlation is None:
+            given = replace(given, neighbour_correlation=neighbour_correlation(self.stored(given)))
         found = given.temporal_filter or learn_filter(self.stored(given))
         if found is None:
             return given
@@ -274,9 +277,9 @@ class _Chooser:
         A curve that is asked for is that of samples before it.
         """
         found, asked = sensor.temporal_filter, self.request.asked and self.request.noise != AUTO
-        if not isinstance(found, RunningMedian) or sensor.noise is None or asked:
+        if not isinstance(found, (RunningMedian, AveragedMedians)) or sensor.noise is None or asked:
             return sensor
-        return replace(sensor, noise=sensor.noise.scaled(1.0 / ApartMedians(found.parameter).sd()))
+        return replace(sensor, noise=sensor.noise.scaled(1.0 / ApartMedians(float(found.window)).sd()))
 
     def _check_circle(self, sensor: Sensor) -> None:
         """Refuse a circle that is too short for the noise."""

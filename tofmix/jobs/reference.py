@@ -32,7 +32,7 @@ from tofmix.sensor import Sensor
 from tofmix.simulation import BUILTIN_MODELS
 from tofmix.simulation.measured_scene import LEAST_SAMPLES, UNKNOWN_WALK, MeasuredScene, SceneTable
 from tofmix.simulation.model import Model
-from tofmix.temporal_filter import ExponentialAverage, HeldValues, TemporalFilter
+from tofmix.temporal_filter import AveragedMedians, ExponentialAverage, HeldValues, TemporalFilter
 
 REFERENCE = "reference.layers.h5"
 """The layers of a reference in the folder of a reconciliation."""
@@ -299,6 +299,8 @@ def frames_apart(found: TemporalFilter) -> int:
         shared = 0.05  # correlation that is next to nothing
         kept = found.parameter if isinstance(found, HeldValues) else 1.0 - found.parameter
         return max(2, math.ceil(math.log(shared) / math.log(kept)))
+    if isinstance(found, AveragedMedians):
+        return frames_apart(found.average) + found.window - 1
     return max(2, math.ceil(found.parameter))
 
 

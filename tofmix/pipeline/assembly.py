@@ -156,7 +156,7 @@ def _encoded(
     cell: Cell, encoded: EncodedCell, before: Layers, results: list[FinishedWindow], grid: Grid, provenance: Provenance
 ) -> EncodedCell:
     """The cell with the finished layers; as it is where they are those before."""
-    if not provenance.is_unmixed and all(
+    if not provenance.has_mixing and all(
         np.array_equal(result.layers.probability[cell.rows], before.probability[window, cell.rows], equal_nan=True)
         for window, result in enumerate(results)
     ):

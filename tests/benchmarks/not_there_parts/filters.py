@@ -1,8 +1,8 @@
-"""A camera that filters its ranges over time, before a board and a wall; and memory of ranges that is no filter.
+"""A camera that filters its ranges over time or pixels, before a board and a wall; and memory that is no filter.
 
 "Both" are the mixed pixels with two layers of p > 0.5 at the two surfaces, "more" those with more layers of p > 0.5.
-"Unfiltered" is the rate of "both" without a filter: of medians from as many frames as there are samples; of averages
-and means, whose inverse gives all samples again, from all frames.
+"Unfiltered" is the rate of "both" without a filter: of medians from as many frames as there are samples; of others from
+all frames, as the inverse of an average gives all samples again.
 """
 
 import argparse
@@ -10,19 +10,40 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from support.filtered import SENSOR, Scene, averaged, over_windows, stored
+from support.filtered import SENSOR, Scene, averaged, averaged_up_to, over_neighbours, over_windows, stored
 
 import tofmix
 from tofmix.arrays import Float32Array, FloatArray
+from tofmix.temporal_filter import AveragedMedians, RunningMedian
 
 SHAPE = (48, 64)  # pixels
 NEAR_SIGMAS = 5.0  # a layer is at its surface within this
+
+
+def _median_of_3(samples: FloatArray) -> FloatArray:
+    return over_windows(samples, 3, median=True)
+
+
+def _mean_of_medians(samples: FloatArray, window: int) -> FloatArray:
+    return over_windows(_median_of_3(samples), window, median=False)
+
 
 FILTERS: dict[str, Callable[[FloatArray], FloatArray]] = {
     "none": np.asarray,
     **{f"exponential average, {a:g}": partial(averaged, share=a) for a in (0.7, 0.4, 0.2, 0.1)},
     **{f"median of {m}": partial(over_windows, window=m, median=True) for m in (3, 5)},
     **{f"mean of {m}": partial(over_windows, window=m, median=False) for m in (2, 3, 4, 5, 8)},
+    **{
+        f"exponential average, {a:g}, jumps over {d:g} mm at once": partial(averaged_up_to, share=a, jump_mm=d)
+        for a, d in ((0.4, 20.0), (0.4, 60.0), (0.4, 100.0), (0.2, 60.0))
+    },
+    "median of 3, then exponential average, 0.4": lambda samples: averaged(_median_of_3(samples), 0.4),
+    **{f"median of 3, then mean of {m}": partial(_mean_of_medians, window=m) for m in (2, 3, 4)},
+    "median of 3 x 3 pixels": partial(over_neighbours, median=True),
+    "mean of 3 x 3 pixels within 100 mm": partial(over_neighbours, median=False, jump_mm=100.0),
+    "exponential average, 0.4, then median of 3 x 3 pixels": lambda samples: over_neighbours(
+        averaged(samples, 0.4), median=True
+    ),
 }
 MEMORIES: dict[str, Callable[[Scene, int], FloatArray]] = {
     "noise of memory 0.6": lambda scene, n: scene.draw(n, memory=0.6),
@@ -77,11 +98,12 @@ def row(name: str, seed: int, frames: int, workers: int) -> str:
     scene = Scene(SHAPE, seed)
     found = estimated(stored(FILTERS[name](scene.draw(frames)), frames), workers)
     camera, said = found.sensor.temporal_filter, scored(scene, found)
-    worth = frames if camera is None or camera.kind != "running_median" else camera.worth(frames)
+    worth = camera.worth(frames) if isinstance(camera, (RunningMedian, AveragedMedians)) else frames
     plain = Scene(SHAPE, seed + 1000)
     rate = scored(plain, estimated(stored(plain.draw(worth), worth), workers))["both"]
+    shared = "" if not found.sensor.filters_over_pixels else f"; pixels share {found.sensor.neighbour_correlation:.2f}"
     return (
-        f"| {name} | {'-' if camera is None else camera.words()} | {said['both']:.3f} | {rate:.3f} ({worth}) |"
+        f"| {name} | {'-' if camera is None else camera.words()}{shared} | {said['both']:.3f} | {rate:.3f} ({worth}) |"
         f" {said['more']:.3f} | {said['undecided']:.3f} | {said['false']:.4f} | {said['range_z']:.2f} |"
         f" {said['share_z']:.2f} |"
     )

@@ -13,6 +13,7 @@ from support.sizes import sized
 
 from tofmix.arrays import Float32Array
 from tofmix.estimation.beam import beam_of, outlier_interval
+from tofmix.estimation.blocks import finishing
 from tofmix.estimation.blocks.finishing import layer_amplitudes
 from tofmix.estimation.blocks.reading import MemoryTooSmallError, ReadPlan, plan_reading, read_groups, working_bytes
 from tofmix.estimation.blocks.sequence import estimate_cells, estimate_layers
@@ -20,10 +21,12 @@ from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.peaks.incremental import IncrementalDensity
 from tofmix.estimation.samples import invalid_share, sample_span, sensor_with_span
 from tofmix.estimation.settings import EstimateOptions
+from tofmix.flags import Mixing
 from tofmix.grid import Grid, plan_grid, plan_windows
-from tofmix.layers import LAYER_FIELDS, Layers
+from tofmix.layers import LAYER_FIELDS, Layers, layer_fields
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.unmixing.unmix import Rewritten
 
 COLS = sized(7, 1)
 
@@ -332,3 +335,22 @@ def test_estimate_gives_the_share_of_lost_samples_and_weighs_layers_by_it() -> N
     dark = lost.any(axis=0) & (found.n_modes[0] > 0)
     assert found.probability[0, dark, 0].max() < 0.3
     assert (found.probability[0, ~lost.any(axis=0), 0] == 1.0).all()
+
+
+@pytest.mark.parametrize("insist", [False, True])
+def test_unmixed_pixels_behind_a_filter_over_pixels_stay_if_sums_are_insisted_on(
+    monkeypatch: pytest.MonkeyPatch, *, insist: bool
+) -> None:
+    layers = Layers.empty((1, 3), 2, layer_fields(Sensor(name="camera")))
+    layers = replace(layers, invalid_share=np.zeros((1, 3), np.float32))
+    layers.n_modes[:] = [1, 2, 2]
+    layers.probability[0] = [[0.9, np.nan], [0.9, 0.9], [0.9, 0.9]]
+    mixing = np.array([[Mixing.ONE_SURFACE, Mixing.EVENTS, Mixing.PHASOR]], np.uint8)
+    unmixed = Rewritten(layers=replace(layers, mixing=mixing), phasor_share=1.0, informative_pixels=1)
+    monkeypatch.setattr(finishing, "unmix", lambda *_, **__: unmixed)
+    sensor = Sensor(name="camera", neighbour_correlation=0.6)
+    done = finishing.finish_window(layers, np.zeros((1, 3, 7), np.float32), sensor, frames=9, insist=insist).layers
+    kept = Mixing.PHASOR if insist else Mixing.UNDECIDED
+    assert done.mixing is not None
+    np.testing.assert_array_equal(done.mixing, [[Mixing.ONE_SURFACE, Mixing.UNDECIDED, kept]])
+    assert [bool((row > 0.5).any()) for row in done.probability[0]] == [True, False, insist]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
+from tofmix.flags import MOST_UNDECIDED, Mixing
 from tofmix.layers import Layers
 from tofmix.lost_samples import learn_losses
 from tofmix.sensor import Sensor
@@ -82,6 +83,21 @@ def layer_amplitudes(
     return np.asarray(mean.reshape(layers.range.shape), dtype=np.float32)
 
 
+def _doubt_edges(layers: Layers, *, but_sums: bool) -> Layers:
+    """The layers of a camera that filters over pixels: where they are several, samples are of several pixels.
+
+    With `but_sums`, unmixed layers stay: a filter that keeps edges changes few of them.
+    """
+    mixing, probability = layers.mixing, layers.probability.copy()
+    if mixing is None:
+        mixing = np.full(layers.shape, int(Mixing.ONE_SURFACE), np.uint8)
+    several = (layers.n_modes > 1) | ((layers.n_modes > 0) & (layers.weight_no_return > 0))
+    several &= ~(but_sums & (mixing == int(Mixing.PHASOR)))
+    probability[several] = np.minimum(probability[several], MOST_UNDECIDED)
+    mixing = np.where(several, int(Mixing.UNDECIDED), mixing).astype(np.uint8)
+    return replace(layers, mixing=mixing, probability=probability)
+
+
 class FinishedWindow(NamedTuple):
     """Layers (row, col) of a window, the share of phasor sums and the pixels that tell it; None: not measured."""
 
@@ -118,6 +134,8 @@ def finish_window(
     if phasors is not None:
         found = unmix(layers, phasors, sensor, insist=insist, circle_mm=circle_mm)
         done = FinishedWindow(found.layers, found.phasor_share, found.informative_pixels)
+    if sensor.filters_over_pixels:
+        done = done._replace(layers=_doubt_edges(done.layers, but_sums=insist))
     lost = done.layers.invalid_share
     if lost is None:
         return done

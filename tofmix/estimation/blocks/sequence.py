@@ -292,7 +292,8 @@ def estimate_windows(
     grid = plan_grid(windows, (rows, cols), row_step=source.row_step)
     shape = windows.count, rows, cols
     has_light = amplitude_source(source) is not None
-    out = Layers.empty(shape, options.max_layers, layer_fields(source.sensor, amplitude=has_light, mixing=measured))
+    has_mixing = measured or source.sensor.filters_over_pixels
+    out = Layers.empty(shape, options.max_layers, layer_fields(source.sensor, amplitude=has_light, mixing=has_mixing))
     phasors = np.empty((*shape, FIELD_COUNT), np.float32) if measured else None
     cells = estimate_cells(
         source,
@@ -315,7 +316,7 @@ def estimate_windows(
     evidence = [joined(parts) for parts in pieces]
     first_frames = [window * windows.stride // samples_a_frame(source) for window in range(windows.count)]
     insist = options.mixing is MixingChoice.PHASOR
-    before = [spec for spec in out.fields if phasors is None or spec is not MIXING]  # unmixing gives the mixing
+    before = [spec for spec in out.fields if spec is not MIXING]  # the last steps give the mixing
     done = [
         finish_window(
             Layers(**{spec.name: getattr(out, spec.name)[window] for spec in before}),

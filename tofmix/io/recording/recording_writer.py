@@ -124,7 +124,8 @@ class RecordingWriter(hdf5.FileWriter):
         for spec in self._fields:
             chunks = tuple(self._chunks[dim] for dim in spec.dims) if len(spec.dims) > 1 else None
             hdf5.add_field(root, spec, self._lengths, chunks=chunks)
-        written = replace(self._sensor, temporal_filter=None)  # it is that of other samples
+        # filters are those of other samples
+        written = replace(self._sensor, temporal_filter=None, neighbour_correlation=None)
         sensor_group.write_sensor(root, written, image=self._shape[1:])
         if self._truth is not None:
             self._write_truth(root, self._truth)

@@ -263,6 +263,23 @@ def filter_findings(found: TemporalFilter | None, frames: int) -> list[Finding]:
     return [Finding(code="temporal_filter", text=text)]
 
 
+def spatial_findings(correlation: float | None, *, unmixed: bool) -> list[Finding]:
+    """Warn of a camera that filters ranges over pixels, by the correlation of their noise.
+
+    `unmixed` says whether layers were unmixed where samples are phasor sums.
+    """
+    if correlation is None:
+        return []
+    text = (
+        "The camera filters ranges over neighbouring pixels, whose noise has a correlation of"
+        f" {correlation:.2f}: at edges, samples are of several pixels. Pixels of several surfaces are undecided, and"
+        " ranges beside them are off by about sigma. Switch the camera's spatial filter off, and record again."
+    )
+    if unmixed:
+        text += " For a filter that keeps edges, --mixing phasor keeps unmixed pixels."
+    return [Finding(code="spatial_filter", text=text)]
+
+
 def repeat_findings(share: float, of_frames: float, remedy: Remedy) -> list[Finding]:
     """Warn of samples that repeat the one before: their share, and the share of frames that repeat as a whole."""
     frames = remedy.window_frames

@@ -29,6 +29,7 @@ from tofmix.report.summary.findings import (
     frame_findings,
     light_findings,
     sigma_findings,
+    spatial_findings,
     split_notes,
     suspect_findings,
     target_findings,
@@ -388,7 +389,7 @@ class _FindingTally(Counts):
             by_status=self.by_status(),
             by_surfaces=self.surfaces,
             max_layers=self._file.max_layers,
-            close=self.close,
+            close=0 if provenance.sensor.filters_over_pixels else self.close,  # several layers are undecided there
             lost=self.lost.too_few,
             remedy=remedy,
             thresholds=self._thresholds,
@@ -406,6 +407,7 @@ class _FindingTally(Counts):
         return (
             *moved_findings(self.moved, remedy, frames, targets=provenance.targets),
             *of_filter,
+            *spatial_findings(provenance.sensor.neighbour_correlation, unmixed=provenance.is_unmixed),
             *of_sigma,
             *of_losses,
             *of_counts,
