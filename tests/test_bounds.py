@@ -1,11 +1,9 @@
 """Bounds of settings, options, tables, errors and words."""
 
 import ast
-import inspect
 import math
-import re
 from collections.abc import Callable
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import is_dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,9 +21,6 @@ from tofmix.bounds import (
     Factor,
     Finite,
     Share,
-    check_ascending,
-    check_bounds,
-    checked,
     declared,
 )
 from tofmix.cli.estimate import estimate
@@ -126,13 +121,6 @@ def _numbers(settings: type) -> list[tuple[str, Declared, Bounds]]:
     return [(name, field, field.bounds) for name, field in declared(settings).items() if field.bounds is not None]
 
 
-def _ascending(low: float, high: float, count: int) -> list[float]:
-    """Values from one end to the other; a step of 1 takes the place of an end that is infinite."""
-    first = low if math.isfinite(low) else min(high, 0.0) - count if math.isfinite(high) else -1.0
-    last = high if math.isfinite(high) else first + count - 1
-    return [float(value) for value in np.linspace(first, last, count)]
-
-
 @each_class
 def test_values_out_of_bounds_are_refused_with_field_value_and_remedy(settings: type) -> None:
     made = _made(settings)
@@ -157,27 +145,6 @@ def test_ends_of_the_bounds_are_taken(settings: type) -> None:
                 assert getattr(_made(settings, **{name: field.kind(end)}), name) == end
         near = field.kind(getattr(_made(settings), name))
         assert getattr(_made(settings, **{name: np.dtype(field.kind).type(near)}), name) == near
-
-
-@each_class
-def test_tuples_take_the_ends_of_their_bounds_also_as_numpy_scalars(settings: type) -> None:
-    for name, field, bounds in _numbers(settings):
-        if not field.is_tuple:
-            continue
-        for kind in (field.kind, np.dtype(field.kind).type):
-            values = tuple(map(kind, _ascending(bounds.low, bounds.high, field.length or 3)))
-            assert getattr(_made(settings, **{name: values}), name) == values
-
-
-@each_class
-def test_tuples_of_another_length_are_refused(settings: type) -> None:
-    made = _made(settings)
-    for name, field in declared(settings).items():
-        values = getattr(made, name)
-        for wrong in () if field.length is None else (values[:-1], (*values, values[-1] + 1), ()):
-            with pytest.raises(UsageError) as refusal:
-                _made(settings, **{name: wrong})
-            assert str(refusal.value) == f"{settings.__name__}: {name} is {wrong!r}; give {field.length} values"
 
 
 @each_class
@@ -254,41 +221,6 @@ class Small(NamedTuple):
 )
 def test_a_threshold_or_a_loop_can_be_off(settings: type, name: str, off: float) -> None:
     assert getattr(_made(settings, **{name: off}), name) == off
-
-
-@pytest.mark.parametrize("settings", [LinkSettings, ShareSettings, EdgeSettings, SurfaceSettings, NeighbourSettings])
-def test_the_signature_of_a_checked_tuple_shows_its_fields(settings: Any) -> None:  # noqa: ANN401  a named tuple
-    parameters = inspect.signature(settings).parameters
-    assert tuple(parameters) == settings._fields
-    assert [parameter.default for parameter in parameters.values()] == list(settings())
-
-
-def test_a_checked_tuple_stays_one() -> None:
-    small = checked(Small)
-    made = small(0.25, number=2)
-    assert made == (0.25, 2, 1.0, -3.0)
-    assert made._replace(slope=-1e300).slope == -1e300
-    with pytest.raises(UsageError, match=r"Small: share is 1\.5; give a number from 0 to 1"):
-        made._replace(share=1.5)
-    with pytest.raises(UsageError, match=r"Small: number is 0; give a whole number of at least 1"):
-        small(0.5, 0)
-    with pytest.raises(UsageError, match=r"Small: slope is -inf; give a number that is finite"):
-        small(slope=-math.inf)
-
-
-@dataclass(frozen=True)
-class Ordered:
-    """Ascending values."""
-
-    values: tuple[float, ...] = (1.0, 2.0)
-
-
-def test_order_is_checked() -> None:
-    check_bounds(Ordered())
-    check_ascending(Ordered(), "values")
-    check_ascending(Ordered(values=()), "values")
-    with pytest.raises(UsageError, match="values is"):
-        check_ascending(Ordered(values=(1.0, 1.0)), "values")
 
 
 CASES = [
@@ -423,36 +355,3 @@ def test_numbers_are_written_with_their_nouns_and_rounded() -> None:
     assert rounded(1.23456789) == 1.23457
     assert rounded(1234.5, 2) == 1200.0
     assert math.copysign(1.0, rounded(-0.0)) == 1.0
-
-
-@pytest.mark.parametrize(
-    ("value", "form", "text"),
-    [
-        (-0.0, "", "0.0"),
-        (-0.0, ".2f", "0.00"),
-        (-0.004, ".2f", "0.00"),
-        (0.004, "+.2f", "0.00"),
-        (-0.4, ",.0f", "0"),
-        (-0.006, ".2f", "-0.01"),
-        (-0.0, "+.3g", "0"),
-        (-1e-9, ".3g", "-1e-09"),
-        (12.5, "", "12.5"),
-        (float("nan"), ".1f", "nan"),
-        (float("-inf"), ".1f", "-inf"),
-        (-1200.0, ",.0f", "-1,200"),
-    ],
-)
-def test_zero_has_no_sign(value: float, form: str, text: str) -> None:
-    assert number(value, form) == text
-
-
-def test_only_counted_makes_plurals() -> None:
-    """`counted` is the one place: a plural by hand is wrong for 1, or for 0."""
-    by_hand = re.compile(r"['\"]s['\"] ?\*|['\"]s['\"] if ")
-    found = [
-        f"{p}:{n}"
-        for p in PACKAGE.rglob("*.py")
-        for n, line in enumerate(p.read_text().splitlines(), 1)
-        if by_hand.search(line) and p.name not in ("import_.py", "wording.py")
-    ]
-    assert found == []

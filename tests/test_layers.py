@@ -18,7 +18,7 @@ from tofmix.invariants import layer_rules
 from tofmix.layers import LAYER_FIELDS, OPTIONAL_FIELDS, Layers
 from tofmix.lost_samples import Losses, learn_losses
 from tofmix.optics.equiangular import Equiangular
-from tofmix.points import POINT_DTYPE, LayerPoints, PointFilter, fields_of_names
+from tofmix.points import POINT_DTYPE, LayerPoints, fields_of_names
 from tofmix.sensor import Sensor
 
 
@@ -40,14 +40,6 @@ def test_empty_layers_have_zero_counts_and_nan_values() -> None:
         assert values.shape == ((2, 3, 4) if spec.per_layer else (2, 3))
         assert values.dtype == np.dtype(spec.dtype)
         assert np.isnan(values).all() if spec.dtype == "f4" else not values.any()
-
-
-def test_reshaped_layers_share_their_arrays() -> None:
-    layers = Layers.empty((6,), 2)
-    image = layers.reshaped((2, 3))
-    layers.range[5, 1] = 7.0
-    assert image.range[1, 2, 1] == 7.0
-    assert [a.shape for a in image.arrays()] == [a.reshape(2, 3, *a.shape[1:]).shape for a in layers.arrays()]
 
 
 FRAMES = np.array([20, 20])
@@ -165,33 +157,11 @@ def test_points_are_those_of_a_loop_over_pixels() -> None:
     assert number == len(points[1])
 
 
-@pytest.mark.parametrize(
-    "chosen",
-    [PointFilter(min_weight=0.2), PointFilter(min_probability=0.95), PointFilter(min_weight=0.1, min_probability=0.95)],
-)
-def test_filters_leave_out_points_and_change_none(chosen: PointFilter) -> None:
-    source = LayersInMemory(made_up_layers(SHAPE, MAX_LAYERS))
-    everything = np.concatenate(list(LayerPoints(source, **VIEW)))
-    keep = everything["weight"] >= (chosen.min_weight or 0)
-    keep &= everything["probability"] >= (chosen.min_probability or 0)
-    assert 0 < keep.sum() < len(keep)
-    points = LayerPoints(source, **VIEW, chosen=chosen)
-    assert np.concatenate(list(points)).tobytes() == everything[keep].tobytes()  # NaN where it was
-    assert points.count() == keep.sum()
-
-
 def test_points_of_chosen_windows_are_written() -> None:
     source = LayersInMemory(made_up_layers(SHAPE, MAX_LAYERS))
     (chosen,) = LayerPoints(source, **VIEW, windows=[1])
     assert chosen.tobytes() == list(LayerPoints(source, **VIEW))[1].tobytes()
     assert set(chosen["window"].tolist()) == {1}
-
-
-def test_unknown_probabilities_do_not_pass_a_limit() -> None:
-    layers = made_up_layers(SHAPE, MAX_LAYERS)
-    layers.probability[...] = np.nan
-    assert LayerPoints(LayersInMemory(layers), **VIEW).count() == layers.n_modes.sum()
-    assert LayerPoints(LayersInMemory(layers), **VIEW, chosen=PointFilter(min_probability=0.0)).count() == 0
 
 
 def with_light() -> LayersInMemory:
@@ -272,12 +242,6 @@ def test_pixels_of_a_dark_box_are_unsure_and_others_are_not(share: float) -> Non
     assert outside(losses.is_at_limit(lost).astype(float)).max() == 0
 
 
-def test_wall_of_most_samples_stays_sure_where_the_rest_is_lost() -> None:
-    lost = np.zeros(SHAPE_LOST_SAMPLES, np.float32)
-    lost[BOX] = 0.3
-    assert learn_losses(lost, 100).certainty(lost)[BOX].min() > 0.9999
-
-
 def test_certainty_is_the_integral_over_the_valid_share() -> None:
     losses = Losses(frames=20, common=0.2, by_chance=0.7)
     for valid in range(21):
@@ -312,14 +276,3 @@ def test_pixels_that_are_always_masked_do_not_make_others_unsure() -> None:
     assert np.quantile(outside(losses.certainty(lost)), 0.001) > 0.999
     nothing = np.ones(SHAPE_LOST_SAMPLES, np.float32)
     assert learn_losses(nothing, 50).is_at_limit(nothing).all()
-
-
-def test_pixels_that_differ_in_brightness_lose_by_chance() -> None:
-    """Single photons: pixels have 8 to 600 of them, and none has an obstacle."""
-    rng = np.random.default_rng(7)
-    photons = np.clip(rng.gamma(2.5, 50.0, SHAPE_LOST_SAMPLES), 8, 600).astype(int)
-    lost = 1.0 - photons / photons.max()
-    losses = learn_losses(lost, int(photons.max()))
-    assert losses.by_chance > 0.6
-    assert np.quantile(losses.certainty(lost), 0.25) > 0.75
-    assert np.median(losses.certainty(lost)) > 0.99

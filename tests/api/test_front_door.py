@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import warnings
 from datetime import UTC, datetime, timedelta
 from importlib.util import find_spec
 from pathlib import Path
@@ -138,35 +137,6 @@ def test_from_array_takes_zeros_and_given_values_for_no_samples(dtype: str) -> N
     assert np.isnan(found).sum(axis=0).tolist() == [[3, 4]]
 
 
-@pytest.mark.parametrize(
-    ("dtype", "units", "bad", "reason"),
-    [
-        ("u2", "mm", 65535, "fill value 65535"),
-        ("i2", "mm", -32768, "fill value -32768"),
-        ("i4", "mm", -7, "negative"),
-        ("f4", "m", 65.535, "fill value 65535 mm"),
-        ("f4", "mm", 9.96921e36, "above 1e.09 mm"),
-    ],
-)
-def test_from_array_drops_fill_values_and_says_how_many(dtype: str, units: Units, bad: float, reason: str) -> None:
-    ranges = np.full((10, 1, 2), 1.5 if units == "m" else 1500).astype(dtype)
-    ranges[:3, 0, 1] = bad
-    with pytest.warns(DoubtWarning, match=f"from_array: no samples: 3 {reason}; keep_values=True"):
-        found = tm.from_array(ranges, units=units).range_mm
-    assert np.isnan(found).sum(axis=0).tolist() == [[0, 3]]
-
-
-@pytest.mark.filterwarnings("ignore:from_array.*for this image")
-def test_from_array_drops_samples_whose_status_is_not_valid() -> None:
-    ranges, status = np.full((4, 1, 2), 800), np.array([[[5, 9]], [[255, 9]], [[5, 10]], [[0, 5]]])
-    by_camera = tm.from_array(ranges, units="mm", status=status, sensor="vl53l5cx").range_mm
-    given = tm.from_array(ranges, units="mm", status=status, valid_status=(5, 9)).range_mm
-    np.testing.assert_array_equal(np.isnan(by_camera), ~np.isin(status, (5, 9)))
-    np.testing.assert_array_equal(by_camera, given)
-    with pytest.raises(ValueError, match=r"no codes of valid samples are known; give valid_status"):
-        tm.from_array(ranges, units="mm", status=status)
-
-
 def test_from_array_turns_depths_along_z_into_ranges_as_import_does(tmp_path: Path) -> None:
     flat = np.full((4, 6, 8), 3000.0)
     with pytest.raises(ValueError, match="give intrinsics or fov_deg"):
@@ -186,24 +156,6 @@ def test_from_array_turns_depths_along_z_into_ranges_as_import_does(tmp_path: Pa
         along = tm.from_array(flat, units="mm", **lens)
         assert (along.range_mm == 3000.0).all()
         assert along.sensor.optics is not None
-
-
-def test_from_array_puts_frames_in_order_and_says_so() -> None:
-    frames = np.random.default_rng(3).normal(1500.0, 4.0, (5, 2, 3))
-    swapped, stamps = [0, 2, 1, 3, 4, 4], np.array([7.0, 7.1, 7.2, 7.3, 7.4])
-    with pytest.warns(DoubtWarning) as said:
-        rec = tm.from_array(frames[swapped], units="mm", amplitude=frames[swapped] / 10, time_s=stamps[swapped])
-    assert [str(one.message) for one in said] == [
-        "from_array: 1 frame equal to another of the same time left out",
-        "from_array: 2 frames out of order sorted by time",
-    ]
-    np.testing.assert_array_equal(rec.range_mm, frames.astype("f4"))
-    assert rec.amplitude is not None
-    np.testing.assert_array_equal(rec.amplitude, (frames / 10).astype("f4"))
-    assert rec.time_s is not None
-    np.testing.assert_allclose(rec.time_s, stamps - 7.0, atol=1e-12)
-    with pytest.raises(ValueError, match="one number a frame, 5, got shape"):
-        tm.from_array(frames, units="mm", time_s=stamps[:3])
 
 
 def test_from_array_says_or_refuses_what_no_camera_measures() -> None:
@@ -231,27 +183,6 @@ def test_from_array_takes_dates_as_times(times: Any) -> None:  # noqa: ANN401  o
     found = tm.from_array(np.full((4, 1, 1), 800.0), units="mm", time_s=times).time_s
     assert found is not None
     np.testing.assert_allclose(found, [0.0, 0.04, 0.08, 0.12], atol=1e-9)
-
-
-def test_from_array_says_that_times_count_another_unit_since_1970_and_refuses_words() -> None:
-    frames = np.full((3, 1, 1), 800.0)
-    with pytest.warns(DoubtWarning, match=r"numbers of this size count us since 1970: time_s=times \* 1e-06"):
-        tm.from_array(frames, units="mm", time_s=1.6e15 + 50e3 * np.arange(3))
-    tm.from_array(frames, units="mm", time_s=1.6e9 + 0.05 * np.arange(3))
-    with pytest.raises(ValueError, match="time_s: neither numbers nor dates, such as first"):
-        tm.from_array(frames, units="mm", time_s=["first", "second", "third"])
-
-
-@pytest.mark.parametrize(
-    ("lens", "said"),
-    [
-        ({"fov_deg": (1.2, 0.9)}, r"fov_deg: 1\.2 x 0\.9 degrees is narrow; in radians: fov_deg=\(68\.75, 51\.57\)"),
-        ({"intrinsics": (300.0, 300.0, 160.0, 120.0)}, "the centre, column 160, row 120, is far outside of the image"),
-    ],
-)
-def test_from_array_says_that_a_lens_is_doubtful(lens: dict[str, Any], said: str) -> None:
-    with pytest.warns(DoubtWarning, match=f"^from_array: {said}"):
-        tm.from_array(np.full((3, 10, 12), 800.0), units="mm", depth_axis="z", **lens)
 
 
 @pytest.mark.filterwarnings("ignore:from_array.*for this image")
@@ -290,32 +221,6 @@ def test_options_of_learnt_noise_need_learnt_noise(recording: Path) -> None:
         tm.estimate(recording, noise_shape="gaussian", noise="sr3000")
     with pytest.raises(ValueError, match=r"^noise_shape: 'round' is not one of gaussian, auto$"):
         tm.estimate(recording, noise_shape="round")  # type: ignore[arg-type]
-
-
-@pytest.mark.slow
-def test_learnt_noise_of_an_earlier_estimate_gives_the_same_layers() -> None:
-    recording = tm.open(Path(__file__).parents[2] / "sample_data" / "tmf8829_edge.h5")
-    assert isinstance(recording, tm.Recording)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoubtWarning)
-        learnt = tm.estimate(recording)
-        again = tm.estimate(recording.with_sensor(learnt.sensor), noise="file")
-    assert learnt.sensor.learnt is not None
-    assert learnt.sensor.learnt.drift_mm.any()
-    for name in ("n_modes", "range", "weight", "probability"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(learnt, name))
-
-
-@pytest.mark.slow
-def test_options_of_learnt_noise_give_the_values_of_the_command(tmp_path: Path) -> None:
-    path = write_recording(tmp_path / "a.h5", boards(60, rows=12, cols=24))
-    chosen = ("--noise", "auto", "--noise-shape", "gaussian", "--noise-widths", "common", "--outliers", 0.01)
-    succeed("estimate", path, "-o", tmp_path / "a.layers.h5", *chosen)
-    written = tm.open(tmp_path / "a.layers.h5")
-    found = tm.estimate(path, noise="auto", noise_shape="gaussian", noise_widths="common", outliers=0.01)
-    assert isinstance(written, tm.Estimate)
-    assert found.options == written.options
-    np.testing.assert_array_equal(found.range, written.range)
 
 
 @pytest.mark.slow

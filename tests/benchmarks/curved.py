@@ -20,11 +20,13 @@ import argparse
 import sys
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from support.costs import least_s
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -48,7 +50,6 @@ from support.round_things import (
 )
 
 import tofmix as tm
-from tofmix.arrays import Float32Array
 from tofmix.errors import DoubtWarning
 from tofmix.surfaces.found import WindowSurfaces
 from tofmix.surfaces.reconstruct import reconstruct
@@ -235,27 +236,10 @@ def print_cost(names: Sequence[str], seeds: Sequence[int]) -> None:
         assert light is not None
         phasors = mean_phasors(recording.range_mm, light, recording.sensor)
         found = tm.estimate(recording, mixing="events")
-
-        def whole(recording: tm.Recording = recording) -> None:
-            tm.estimate(recording)
-
-        def smooth(found: tm.Estimate = found, phasors: Float32Array = phasors) -> None:
-            unmix(found.window(0), phasors, found.sensor)
-
-        def flat(found: tm.Estimate = found, phasors: Float32Array = phasors) -> None:
-            unmix(found.window(0), phasors, found.sensor, settings=PLANES)
-
-        print(f"| {name} | {' | '.join(f'{least_s(job):.2f}' for job in (whole, smooth, flat))} |", flush=True)
-
-
-def least_s(job: Callable[[], None]) -> float:
-    """Least CPU time of three, s."""
-    times = []
-    for _ in range(3):
-        start = time.process_time()
-        job()
-        times.append(time.process_time() - start)
-    return min(times)
+        unmixing = partial(unmix, found.window(0), phasors, found.sensor)
+        work = partial(tm.estimate, recording), unmixing, partial(unmixing, settings=PLANES)
+        cells = (f"{seconds:.2f}" for seconds in least_s(*work, clock=time.process_time))
+        print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 
 PRINTERS = {

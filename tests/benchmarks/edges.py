@@ -21,11 +21,12 @@ With `--layers counts` layers are made from the truth with the scatter of counts
 
 import argparse
 import sys
-import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from support.costs import least_s
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -52,7 +53,6 @@ from support.edges import (
 from support.lock_in import FAMILIES
 
 from tofmix.layers import Layers
-from tofmix.surfaces.found import WindowSurfaces
 from tofmix.surfaces.reconstruct import reconstruct
 
 Maker = Callable[[np.random.Generator, View], list[plates.Plate]]
@@ -229,23 +229,13 @@ def print_speed(options: argparse.Namespace) -> None:
         layers = estimated(recording)
         sensor = camera(one.view)
         reconstruct(layers, sensor)  # compiles
-        estimate_s = best(lambda: estimated(recording))  # noqa: B023  called at once
-        surfaces_s = best(lambda: reconstruct(layers, sensor))  # noqa: B023  called at once
+        work = partial(estimated, recording), partial(reconstruct, layers, sensor)
+        estimate_s, surfaces_s = least_s(*work)
         several = int((layers.n_modes > 1).sum())
         print(
             f"| {family} | {several} | {estimate_s:.2f} | {surfaces_s:.2f} | {surfaces_s / estimate_s:.2f} |",
             flush=True,
         )
-
-
-def best(work: Callable[[], Layers | WindowSurfaces]) -> float:
-    """Least time of three runs, s."""
-    times = []
-    for _ in range(3):
-        start = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - start)
-    return min(times)
 
 
 TABLES: dict[str, Callable[[argparse.Namespace], None]] = {

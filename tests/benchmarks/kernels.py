@@ -23,6 +23,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 from scipy.ndimage import convolve1d
+from support.costs import least_s
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.compiled.jit import jit
@@ -65,17 +66,6 @@ def scene(rng: np.random.Generator) -> tuple[Float32Array, IntArray]:
         drawn[outlier] = rng.uniform(650.0, 7500.0, outlier.sum())
         samples[:, pixel] = np.maximum(np.rint(drawn), 1.0)
     return samples.reshape(FRAMES, ROWS, COLS), count.reshape(ROWS, COLS)
-
-
-def best(rounds: int, *work: Callable[[], object]) -> list[float]:
-    """Least seconds of each, taken side by side."""
-    seconds = [np.inf] * len(work)
-    for _ in range(rounds):
-        for k, step in enumerate(work):
-            start = time.perf_counter()
-            step()
-            seconds[k] = min(seconds[k], time.perf_counter() - start)
-    return seconds
 
 
 def numpy_starts(samples: Float32Array) -> tuple[Float32Array, FloatArray]:
@@ -215,11 +205,11 @@ def rates(rounds: int, rng: np.random.Generator) -> tuple[float, float, float]:
     _many_em(data, 3, fit, beam, scratch, 1)
     _many_vectorised(x, out, 1)
     _many_scalar(x, out, 1)
-    seconds = best(
-        3 * rounds,
+    seconds = least_s(
         lambda: _many_vectorised(x, out, times),
         lambda: _many_scalar(x, out, times),
         lambda: _many_em(data, 3, fit, beam, scratch, times),
+        rounds=3 * rounds,
     )
     return times * 1000 / seconds[0], times * 1000 / seconds[1], times * 3 * FRAMES / seconds[2]
 
@@ -273,7 +263,7 @@ def main() -> None:
                 ("NumPy's first step, EM in JAX", lambda: (numpy_starts(samples.reshape(FRAMES, -1)), compiled()))
             )
             work.append(("JAX, EM alone", compiled))
-        seconds = best(arguments.rounds, *(step for _, step in work))
+        seconds = least_s(*(step for _, step in work), rounds=arguments.rounds)
     ours = seconds[0]
     print("\n| | seconds | million samples/s | in units of tofmix |\n|---|---|---|---|")
     for (name, _), took in zip(work, seconds, strict=True):

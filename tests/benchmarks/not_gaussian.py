@@ -6,23 +6,23 @@ pixels of a cell.
 
 import argparse
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from support.cameras import camera_of
 
 from tofmix.circle import fold
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.settings import EstimateOptions
-from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensor import Sensor
 
 Array = NDArray[np.float64]
 Draw = Callable[[np.random.Generator, int, int], Array]
 
 SIGMA = 25.0
 PLACE = 3000.0
-CAMERA = Sensor(
-    name="benchmark", range_min_mm=300.0, range_max_mm=7500.0, noise=NoiseCurve(np.array([PLACE]), np.array([SIGMA]))
-)
+CAMERA = camera_of([PLACE], [SIGMA], reach_mm=(300.0, 7500.0))
 SAMPLES = (30, 100, 300)
 SEED = 41
 
@@ -121,12 +121,7 @@ ON_TOP: dict[str, Draw] = {
 def split_share(draw: Draw, n: int, pixels: int, curve_factor: float = 1.0) -> tuple[float, float]:
     """Shares of pixels of one surface in which more than one is found, and in which none is."""
     rng = np.random.default_rng(SEED)
-    camera = Sensor(
-        name="benchmark",
-        range_min_mm=300.0,
-        range_max_mm=7500.0,
-        noise=CAMERA.noise and CAMERA.noise.scaled(curve_factor),
-    )
+    camera = replace(CAMERA, noise=CAMERA.noise and CAMERA.noise.scaled(curve_factor))
     layers = layer_pixels(PLACE + SIGMA * draw(rng, n, pixels), camera)
     return float((layers.n_modes > 1).mean()), float((layers.n_modes == 0).mean())
 

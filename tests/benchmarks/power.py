@@ -22,20 +22,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from support.cameras import camera_of
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.settings import EstimateOptions
-from tofmix.sensor import NoiseCurve, Sensor
 
 # sigma(r) = 4 mm + 0.011 r: nothing like the built-in camera, nor the tests'.
 LOW_MM, TOP_MM, BASE_MM, SLOPE = 150.0, 6500.0, 4.0, 0.011
-CAMERA = Sensor(
-    name="benchmark",
-    range_min_mm=LOW_MM,
-    range_max_mm=TOP_MM,
-    noise=NoiseCurve(np.array([LOW_MM, TOP_MM]), BASE_MM + SLOPE * np.array([LOW_MM, TOP_MM])),
-)
+CAMERA = camera_of([LOW_MM, TOP_MM], BASE_MM + SLOPE * np.array([LOW_MM, TOP_MM]), reach_mm=(LOW_MM, TOP_MM))
 CENTRE_MM = 2200.0
 UNIT_MM = BASE_MM + SLOPE * CENTRE_MM
 """Where the nearer surface stands, and the noise there: the reference works in units of it."""

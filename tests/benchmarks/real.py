@@ -79,8 +79,6 @@ THREE_DISTANCES = (4.0, 12.0)
 FULL_IMAGE = (144, 176)
 
 Row = dict[str, Any]
-Columns = dict[str, str]
-"""Title and key of each column."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,10 +121,10 @@ def counts(layers: IntArray | None, pixels: IntArray) -> Row:
         return {}
     of = layers[pixels]
     return {
-        "none": percent(of == 0),
-        "one": percent(of == 1),
-        "two": percent(of == 2),
-        "three or more": percent(of > 2),
+        "none, %": percent(of == 0),
+        "one, %": percent(of == 1),
+        "two, %": percent(of == 2),
+        "three or more, %": percent(of > 2),
     }
 
 
@@ -182,43 +180,29 @@ def run_real(chosen: argparse.Namespace) -> Iterator[Row]:
             "double": double.size,
             "undecided": len(judged.kind) - single.size - double.size,
             "half-width, mm": judged.half_width_mm,
-            "single: aim": 100.0 * real.most_split,
-            "double: aim": 100.0 * (real.least_double or 0.0) or None,
-            "sigma": sigma_ratio(real, judged, found.curve),
+            "aim, at most": 100.0 * real.most_split,
+            "aim, at least": 100.0 * (real.least_double or 0.0) or None,
+            "sigma (aim 0.97 to 1.03)": sigma_ratio(real, judged, found.curve),
             "said": found.said,
         }
         if found.layers is not None:
-            row["single: more than one"] = percent(found.layers[single] > 1)
+            row["more than one, %"] = percent(found.layers[single] > 1)
             clear, pair = judged.clear(Kind.SINGLE), judged.clear(Kind.DOUBLE)
-            row["clear single"], row["clear double"] = clear.size, pair.size
-            row["clear single: more than one"] = percent(found.layers[clear] > 1)
-            row["clear double: two"] = percent(found.layers[pair] == 2)
-            row["single: none"] = percent(found.layers[single] == 0)
-            row["double: two"] = percent(found.layers[double] == 2)
-            row["double: one"] = percent(found.layers[double] == 1)
-            row["double: other"] = percent((found.layers[double] == 0) | (found.layers[double] > 2))
+            row["single beside no faint cluster"], row["double beside no faint cluster"] = clear.size, pair.size
+            row["of these more than one, %"] = percent(found.layers[clear] > 1)
+            row["of these two, %"] = percent(found.layers[pair] == 2)
+            row["no layer, %"] = percent(found.layers[single] == 0)
+            row["two, %"] = percent(found.layers[double] == 2)
+            row["one, %"] = percent(found.layers[double] == 1)
+            row["other, %"] = percent((found.layers[double] == 0) | (found.layers[double] > 2))
         yield row
 
 
-REAL: Columns = {
-    "recording": "recording",
-    "noise": "noise",
-    "single": "single",
-    "more than one, %": "single: more than one",
-    "single beside no faint cluster": "clear single",
-    "of these more than one, %": "clear single: more than one",
-    "aim, at most": "single: aim",
-    "no layer, %": "single: none",
-    "double": "double",
-    "two, %": "double: two",
-    "aim, at least": "double: aim",
-    "one, %": "double: one",
-    "other, %": "double: other",
-    "double beside no faint cluster": "clear double",
-    "of these two, %": "clear double: two",
-    "undecided": "undecided",
-    "sigma (aim 0.97 to 1.03)": "sigma",
-}
+REAL = (
+    "recording | noise | single | more than one, % | single beside no faint cluster | "
+    "of these more than one, % | aim, at most | no layer, % | double | two, % | aim, at least | one, % | "
+    "other, % | double beside no faint cluster | of these two, % | undecided | sigma (aim 0.97 to 1.03)"
+)
 
 
 def run_spliced(chosen: argparse.Namespace) -> Iterator[Row]:
@@ -237,19 +221,19 @@ def run_spliced(chosen: argparse.Namespace) -> Iterator[Row]:
             found = estimated(made.recording, chosen.workers)
             row: Row = {
                 "recording": real.name,
-                "share": share,
-                "apart": distance,
+                "lesser share": share,
+                "sigma apart": distance,
                 "as made": made.distance,
                 "spliced": made.spliced.size,
-                "aim": 95.0 if (share, distance) == (0.5, 3.0) else None,
+                "aim, at least": 95.0 if (share, distance) == (0.5, 3.0) else None,
                 "said": found.said,
             }
             if found.layers is not None and found.curve is not None:
                 row |= counts(found.layers, made.spliced)
                 single = np.setdiff1d(np.arange(found.layers.size), made.spliced)
-                row["single"], row["split"] = single.size, percent(found.layers[single] > 1)
-                row["clear: split"] = percent(found.layers[made.clear] > 1)
-                row["lost"] = percent(found.layers[single] == 0)
+                row["single"], row["split, % (aim at most 1.5)"] = single.size, percent(found.layers[single] > 1)
+                row["split beside no faint cluster, %"] = percent(found.layers[made.clear] > 1)
+                row["no layer, %"] = percent(found.layers[single] == 0)
                 row["sigma"] = float(found.curve.sigma(float(np.median(pool.centre_mm)))) / sigma_mm
             yield row
 
@@ -272,18 +256,18 @@ def run_further(chosen: argparse.Namespace) -> Iterator[Row]:
         yield {
             "recording": one.real.name,
             "noise": one.noise or "default",
-            "beside": groups.beside,
-            "around": groups.around,
-            "around by chance": 100.0 * groups.around_by_chance,
-            "scene": groups.scene,
-            "scene by chance": 100.0 * groups.scene_by_chance,
+            "further layers of single pixels: beside the first": groups.beside,
+            "at a surface of pixels around": groups.around,
+            "by chance, %": 100.0 * groups.around_by_chance,
+            "at another surface of the scene": groups.scene,
+            "there by chance, %": 100.0 * groups.scene_by_chance,
             "elsewhere": groups.elsewhere,
-            "pixels elsewhere": 100.0 * groups.pixels_elsewhere,
-            "narrow": narrow.size,
-            "narrow: two": percent(found.layers[narrow] == 2),
-            "narrow: one": percent(found.layers[narrow] == 1),
-            "wide": double.size - narrow.size,
-            "wide: two": percent(found.layers[np.setdiff1d(double, narrow)] == 2),
+            "single pixels with one elsewhere, %": 100.0 * groups.pixels_elsewhere,
+            "double, clusters as narrow as of 99 % of the single": narrow.size,
+            "of these two, %": percent(found.layers[narrow] == 2),
+            "one, %": percent(found.layers[narrow] == 1),
+            "double, wider": double.size - narrow.size,
+            "two of these, %": percent(found.layers[np.setdiff1d(double, narrow)] == 2),
         }
 
 
@@ -292,41 +276,19 @@ def widest_mm(judged: Judged, pixels: IntArray) -> FloatArray:
     return np.array([max(cluster.half_width_mm for cluster in judged.clusters[pixel]) for pixel in pixels])
 
 
-FURTHER: Columns = {
-    "recording": "recording",
-    "noise": "noise",
-    "further layers of single pixels: beside the first": "beside",
-    "at a surface of pixels around": "around",
-    "by chance, %": "around by chance",
-    "at another surface of the scene": "scene",
-    "by chance, % ": "scene by chance",
-    "elsewhere": "elsewhere",
-    "single pixels with one elsewhere, %": "pixels elsewhere",
-    "double, clusters as narrow as of 99 % of the single": "narrow",
-    "of these two, %": "narrow: two",
-    "one, %": "narrow: one",
-    "double, wider": "wide",
-    "of these two, % ": "wide: two",
-}
+FURTHER = (
+    "recording | noise | further layers of single pixels: beside the first | at a surface of pixels around | "
+    "by chance, % | at another surface of the scene | there by chance, % | elsewhere | "
+    "single pixels with one elsewhere, % | double, clusters as narrow as of 99 % of the single | "
+    "of these two, % | one, % | double, wider | two of these, %"
+)
 
 
-SPLICED: Columns = {
-    "recording": "recording",
-    "lesser share": "share",
-    "sigma apart": "apart",
-    "as made": "as made",
-    "spliced": "spliced",
-    "exactly two, %": "two",
-    "aim, at least": "aim",
-    "one, %": "one",
-    "three or more, %": "three or more",
-    "none, %": "none",
-    "single": "single",
-    "split, % (aim at most 1.5)": "split",
-    "split beside no faint cluster, %": "clear: split",
-    "no layer, %": "lost",
-    "sigma": "sigma",
-}
+SPLICED = (
+    "recording | lesser share | sigma apart | as made | spliced | two, % | aim, at least | one, % | "
+    "three or more, % | none, % | single | split, % (aim at most 1.5) | split beside no faint cluster, % | "
+    "no layer, % | sigma"
+)
 
 
 def image(samples: FloatArray) -> FloatArray:
@@ -393,30 +355,22 @@ def run_simulated(chosen: argparse.Namespace) -> Iterator[Row]:
                 enough = np.concatenate(tally.of_surface) >= ENOUGH
                 row |= {
                     "pixels": layers.size,
-                    "more than one": percent(layers > 1),
-                    "none": percent(layers == 0),
-                    "enough": percent(layers[enough] == 1),
+                    "more than one, % (aim 0.05 to 0.2)": percent(layers > 1),
+                    "no layer, %": percent(layers == 0),
+                    "one, of those with 15 samples or more, % (aim 99.5)": percent(layers[enough] == 1),
                     "sigma": float(np.median(tally.sigma)),
                 }
                 third = np.minimum(3.0 * background / max(noise.most_background, 1e-9), 2.0).astype(np.int64)
-                for k, part in enumerate(("low", "middle", "high") if noise.most_background > 0 else ()):
+                for k, part in enumerate(BACKGROUNDS if noise.most_background > 0 else ()):
                     row[part] = percent(layers[third == k] > 1)
             yield row
 
 
-SIMULATED: Columns = {
-    "noise": "noise",
-    "frames": "frames",
-    "pixels": "pixels",
-    "more than one, % (aim 0.05 to 0.2)": "more than one",
-    "background < 0.3": "low",
-    "0.3 to 0.6": "middle",
-    "> 0.6": "high",
-    "no layer, %": "none",
-    "one, of those with 15 samples or more, % (aim 99.5)": "enough",
-    "sigma": "sigma",
-    "refused": "refused",
-}
+BACKGROUNDS = ("background < 0.3", "0.3 to 0.6", "> 0.6")
+SIMULATED = (
+    "noise | frames | pixels | more than one, % (aim 0.05 to 0.2) | background < 0.3 | 0.3 to 0.6 | > 0.6 | "
+    "no layer, % | one, of those with 15 samples or more, % (aim 99.5) | sigma | refused"
+)
 
 
 def run_three(chosen: argparse.Namespace) -> Iterator[Row]:
@@ -425,25 +379,21 @@ def run_three(chosen: argparse.Namespace) -> Iterator[Row]:
         for distance in THREE_DISTANCES:
             key = [len(NOISES), frames, round(distance)]
             tally = cell(lambda n, rng, f=frames, d=distance: draw_three(f, n, d, rng), 1.0, key, chosen)  # type: ignore[misc]
-            row: Row = {"frames": frames, "apart": distance, "said": tally.said, "refused": tally.refused}
+            row: Row = {"frames": frames, "sigma apart": distance, "said": tally.said, "refused": tally.refused}
             if tally.layers:
                 layers = np.concatenate(tally.layers)
                 row |= counts(layers, np.arange(layers.size))
-                row |= {"pixels": layers.size, "three": percent(layers == 3), "sigma": float(np.median(tally.sigma))}
+                row |= {
+                    "pixels": layers.size,
+                    "three, % (aim 99)": percent(layers == 3),
+                    "sigma (aim 0.95 to 1.05)": float(np.median(tally.sigma)),
+                }
             yield row
 
 
-THREE: Columns = {
-    "frames": "frames",
-    "sigma apart": "apart",
-    "pixels": "pixels",
-    "three, % (aim 99)": "three",
-    "one, %": "one",
-    "two, %": "two",
-    "none, %": "none",
-    "sigma (aim 0.95 to 1.05)": "sigma",
-    "refused": "refused",
-}
+THREE = (
+    "frames | sigma apart | pixels | three, % (aim 99) | one, % | two, % | none, % | sigma (aim 0.95 to 1.05) | refused"
+)
 
 
 def adversaries(rng: np.random.Generator) -> dict[str, FloatArray]:
@@ -479,28 +429,21 @@ def run_adversarial(chosen: argparse.Namespace) -> Iterator[Row]:
                 env=os.environ | {"PYTHONPATH": str(PROJECT)},
             )
             said = [line.replace(f"{folder}/", "") for line in ended.stderr.splitlines() if line.strip()]
-            row: Row = {"recording": name, "exit": ended.returncode, "said": said}
+            row: Row = {"recording": name, "exit code": ended.returncode, "said": said}
             if output.exists():
                 found = tofmix.open(output)
                 assert not isinstance(found, Recording)
                 layers = found.n_modes.astype(np.int64)[0]
                 half = layers.shape[1] // 2
                 row |= counts(layers.ravel(), np.arange(layers.size))
-                row["left half: more than one"] = percent(layers[:, :half] > 1)
-                row["right half: more than one"] = percent(layers[:, half:] > 1)
+                row["left half, more than one"] = percent(layers[:, :half] > 1)
+                row["right half"] = percent(layers[:, half:] > 1)
             yield row
 
 
-ADVERSARIAL: Columns = {
-    "recording": "recording",
-    "exit code": "exit",
-    "no layer, %": "none",
-    "one, %": "one",
-    "two, %": "two",
-    "three or more, %": "three or more",
-    "left half, more than one": "left half: more than one",
-    "right half": "right half: more than one",
-}
+ADVERSARIAL = (
+    "recording | exit code | none, % | one, % | two, % | three or more, % | left half, more than one | right half"
+)
 
 
 def run_speed(chosen: argparse.Namespace) -> Iterator[Row]:
@@ -530,23 +473,16 @@ def run_speed(chosen: argparse.Namespace) -> Iterator[Row]:
         yield {
             "noise": name,
             "shape": "refused" if curve is None else "Gaussian" if shape is None else "learnt",
-            "seconds": given,
-            "ratio": given / plain,
-            "learning": whole - given,
-            "learning ratio": whole / plain,
+            "estimate, s": given,
+            "over Gaussian (aim at most 3)": given / plain,
+            "learning, s": whole - given,
+            "all over Gaussian": whole / plain,
         }
 
 
-SPEED: Columns = {
-    "noise": "noise",
-    "shape": "shape",
-    "estimate, s": "seconds",
-    "over Gaussian (aim at most 3)": "ratio",
-    "learning, s": "learning",
-    "all over Gaussian": "learning ratio",
-}
+SPEED = "noise | shape | estimate, s | over Gaussian (aim at most 3) | learning, s | all over Gaussian"
 
-PARTS: dict[str, list[tuple[str, Callable[[argparse.Namespace], Iterator[Row]], Columns]]] = {
+PARTS: dict[str, list[tuple[str, Callable[[argparse.Namespace], Iterator[Row]], str]]] = {
     "real": [
         ("Real recordings: layers in pixels that visibly see one surface, and two", run_real, REAL),
         ("Further layers of single pixels, and double pixels by the width of their clusters", run_further, FURTHER),
@@ -574,14 +510,14 @@ def shown(value: object) -> str:
     return str(value)
 
 
-def print_table(title: str, columns: Columns, rows: Iterator[Row]) -> None:
-    """Print rows as they come, and below them what was said."""
-    print(f"{title}:\n\n| {' | '.join(columns)} |\n{'|---' * len(columns)}|", flush=True)
+def print_table(title: str, head: str, rows: Iterator[Row]) -> None:
+    """Print rows, whose keys are the titles of columns, as they come, and below them what was said."""
+    columns = head.split(" | ")
+    print(f"{title}:\n\n| {head} |\n{'|---' * len(columns)}|", flush=True)
     notes: dict[str, None] = {}
     for row in rows:
-        print(f"| {' | '.join(shown(row.get(key)) for key in columns.values())} |", flush=True)
-        first = next(iter(columns.values()))
-        notes |= dict.fromkeys(f"- {row[first]}: {text}" for text in row.get("said", ()))
+        print(f"| {' | '.join(shown(row.get(key)) for key in columns)} |", flush=True)
+        notes |= dict.fromkeys(f"- {row[columns[0]]}: {text}" for text in row.get("said", ()))
     print("\n" + "".join(f"{note}\n" for note in notes))
 
 
@@ -617,8 +553,8 @@ def main() -> None:
         tables = [{"title": title, "rows": list(run(chosen))} for title, run, _ in PARTS[chosen.part]]
         print(json.dumps({"part": chosen.part, "seed": chosen.seed, "tables": tables}, indent=1))
         return
-    for title, run, columns in PARTS[chosen.part]:
-        print_table(title, columns, run(chosen))
+    for title, run, head in PARTS[chosen.part]:
+        print_table(title, head, run(chosen))
 
 
 if __name__ == "__main__":

@@ -10,28 +10,19 @@ from pathlib import Path
 
 import numpy as np
 
-from tofmix.arrays import BoolArray, Float32Array, FloatArray
+from tofmix.arrays import BoolArray
 from tofmix.estimation.blocks.sequence import estimate_layers
-from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.recordings import learn_noise
 from tofmix.io.model_file import load_model
 from tofmix.io.recording.recording_file import open_recording
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
-from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensor import Sensor
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.events import Truth
 from tofmix.simulation.render import recording_sensor, render_blocks
 
 SAMPLE = Path(__file__).parents[2] / "sample_data" / "tmf8829_edge.h5"
-
-# Noise proportional to range, another working range: nothing like the built-in camera.
-CAMERA = Sensor(
-    name="benchmark",
-    range_min_mm=200.0,
-    range_max_mm=9000.0,
-    noise=NoiseCurve(np.array([200.0, 9000.0]), np.array([4.0, 180.0])),
-)
 
 
 def simulated(name: str, seed: int) -> tuple[Truth, Layers, Sensor]:
@@ -73,30 +64,6 @@ def scene(name: str, seeds: list[int]) -> None:
         )
 
 
-def separations(rng: np.random.Generator) -> None:
-    """Print the share of pixels in which both of two surfaces are found."""
-    assert CAMERA.noise is not None
-    apart = (2.0, 2.5, 3.0, 3.5, 4.0, 5.0)
-    print("| share of the nearer | " + " | ".join(f"{s:g} sigma" for s in apart) + " |")
-    print("|---" * (len(apart) + 1) + "|")
-    for share in (0.5, 0.2, 0.1, 0.05):
-        row = []
-        for s in apart:
-            centre = np.array([3000.0, 3000.0 + s * float(CAMERA.noise.sigma(3000.0))])
-            mean = centre[(rng.random((100, 2000)) >= share).astype(int)]
-            samples = mean + rng.standard_normal(mean.shape) * CAMERA.noise.sigma(mean)
-            row.append(f"{(layer_pixels(samples, CAMERA).n_modes == 2).mean():.2f}")
-        print(f"| {share} | " + " | ".join(row) + " |")
-
-
-def _linear_share(frames: Float32Array) -> FloatArray:
-    """Share of each pixel's variance over time that a straight line explains."""
-    time = np.arange(len(frames)) - (len(frames) - 1) / 2
-    centred = frames.astype(np.float64) - frames.mean(axis=0, dtype=np.float64)
-    slope = np.tensordot(time, centred, axes=1) / (time @ time)
-    return np.asarray(slope**2 * (time @ time) / (centred**2).sum(axis=0))
-
-
 def real_recording(*, learnt: bool) -> None:
     """Print what comes out of the real sample recording, with the file's noise curve or the learnt noise."""
     print("noise learnt, as without an option:" if learnt else "the file's noise curve, as by --noise file:")
@@ -119,12 +86,6 @@ def real_recording(*, learnt: bool) -> None:
         f"pixels with two depths, the lesser with 3 samples or more: {wanted.sum()}; found: {far_apart[wanted].sum()}"
     )
     print(f"other pixels: {(~edge).sum()}; no layer 150 mm from the median: {(away[~edge] <= 150).sum()}")
-    split = ~edge & (layers.n_modes[0] > 1)
-    near, drifting = np.median(samples, axis=0) < 400, _linear_share(frames) > 0.5
-    print(
-        f"of those, with several layers: {split.sum()}; on the near object: {(split & near).sum()};"
-        f" with more than half of their variance a linear drift: {(split & drifting).sum()}"
-    )
     print(f"pixels by number of surfaces: {np.bincount(layers.n_modes.ravel()).tolist()}")
 
 
@@ -137,8 +98,6 @@ def main() -> None:
     print("|---" * 6 + "|")
     for name in ("three-boards", "corridor"):
         scene(name, seeds)
-    print()
-    separations(np.random.default_rng(404))
     print()
     real_recording(learnt=False)
     print()

@@ -1,6 +1,6 @@
 """Wall time and peak memory of `tofmix simulate`, file to file: without effects, with them, and over 10,000 frames.
 
-Usage: python tests/benchmarks/simulate.py [--repeat 3] [--frames 10000]
+Usage: PYTHONPATH=tests python tests/benchmarks/simulate.py [--repeat 3] [--frames 10000]
 
 The best of several runs, kernels compiled before. Start-up is the same command for one pixel and one frame; the other
 rows have it subtracted. Processor seconds, of all threads, tell what a busy machine's wall time does not. The moving
@@ -9,12 +9,11 @@ about 1 GB in the temporary folder.
 """
 
 import argparse
-import os
 import sys
 import tempfile
-import time
-from dataclasses import dataclass
 from pathlib import Path
+
+from support.costs import cost, least_cost
 
 SCENE = "three-boards"
 ONE_PIXEL = """
@@ -75,41 +74,10 @@ velocity_mm_s = 2.0
 MOVING = "all 10 and a moving board"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Run:
-    """Wall seconds, processor seconds and peak resident MB."""
-
-    seconds: float
-    processor: float
-    peak_mb: float
-
-
-def measure(folder: Path, model: str, frames: int) -> Run:
-    """Simulate once."""
-    command = [sys.executable, "-m", "tofmix", "simulate", model, "--frames", str(frames)]
-    command += ["-o", str(folder / "out.h5"), "--overwrite"]
-    start = time.perf_counter()
-    null = os.open(os.devnull, os.O_WRONLY)
-    child = os.posix_spawn(command[0], command, os.environ, file_actions=[(os.POSIX_SPAWN_DUP2, null, 1)])
-    os.close(null)
-    _, status, usage = os.wait4(child, 0)
-    if os.waitstatus_to_exitcode(status) != 0:
-        sys.exit(f"failed: {' '.join(command)}")
-    return Run(
-        seconds=time.perf_counter() - start,
-        processor=usage.ru_utime + usage.ru_stime,
-        peak_mb=usage.ru_maxrss / 1024,
-    )
-
-
-def best(folder: Path, model: str, frames: int, repeat: int) -> Run:
-    """The fastest of several runs, and the most memory of any."""
-    runs = [measure(folder, model, frames) for _ in range(repeat)]
-    return Run(
-        seconds=min(run.seconds for run in runs),
-        processor=min(run.processor for run in runs),
-        peak_mb=max(run.peak_mb for run in runs),
-    )
+def command(model: str, frames: int) -> list[str]:
+    """Simulate beside the model."""
+    program = [sys.executable, "-m", "tofmix", "simulate", model, "--frames", str(frames)]
+    return [*program, "-o", str(Path(model).with_name("out.h5")), "--overwrite"]
 
 
 def main() -> None:
@@ -134,15 +102,15 @@ def main() -> None:
         for number, (label, text) in enumerate(models.items()):
             paths[label] = str(folder / f"{number}.toml")
             Path(paths[label]).write_text(text)
-        measure(folder, paths["one pixel"], 1)  # compiles what is not compiled yet
-        start = best(folder, paths.pop("one pixel"), 1, options.repeat)
+        cost(command(paths["one pixel"], 1))  # compiles what is not compiled yet
+        start = least_cost(command(paths.pop("one pixel"), 1), options.repeat)
         moving = paths.pop(MOVING)
         print("| 144 x 176 pixels | frames | s beyond start-up | processor s | peak MB |\n|---|---|---|---|---|")
         print(f"| start-up: one pixel | 1 | ({start.seconds:.2f}) | ({start.processor:.2f}) | {start.peak_mb:.0f} |")
-        rows = [(label, 100, best(folder, path, 100, options.repeat)) for label, path in paths.items()]
+        rows = [(label, 100, least_cost(command(path, 100), options.repeat)) for label, path in paths.items()]
         for label in ("no effect", "all 10"):
-            rows += [(label, n, measure(folder, paths[label], n)) for n in (options.frames // 10, options.frames)]
-        rows.append((MOVING, 100, measure(folder, moving, 100)))
+            rows += [(label, n, cost(command(paths[label], n))) for n in (options.frames // 10, options.frames)]
+        rows.append((MOVING, 100, cost(command(moving, 100))))
         for label, frames, run in rows:
             wall, processor = run.seconds - start.seconds, run.processor - start.processor
             print(f"| {label} | {frames} | {wall:.2f} | {processor:.2f} | {run.peak_mb:.0f} |")

@@ -20,10 +20,11 @@ Asserts nothing.
 
 import argparse
 import sys
-import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from support.costs import least_s
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -226,13 +227,9 @@ def print_speed(options: argparse.Namespace) -> None:
     print("\n**Speed**\n\n| scene | estimate, s | with unmixing, s |\n|---|---|---|")
     for family in options.scenes or ("boards", "pickets", "random boards"):
         one = scene(family, options.seeds[0], options.small)
-        best = {"events": np.inf, "auto": np.inf}
-        for _ in range(3):
-            for mixing, least in tuple(best.items()):
-                start = time.perf_counter()
-                estimated(one, EstimateOptions(mixing=mixing))  # type: ignore[arg-type]  # becomes one
-                best[mixing] = min(least, time.perf_counter() - start)
-        print(f"| {family} | {best['events']:.2f} | {best['auto']:.2f} |", flush=True)
+        ways = (EstimateOptions(mixing=mixing) for mixing in ("events", "auto"))  # type: ignore[arg-type]  # becomes one
+        events, auto = least_s(*(partial(estimated, one, way) for way in ways))
+        print(f"| {family} | {events:.2f} | {auto:.2f} |", flush=True)
 
 
 TABLES = {

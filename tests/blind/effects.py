@@ -48,9 +48,9 @@ class Effect(Mechanism):
         """Its physical parameters."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}  # type: ignore[attr-defined]
 
-    def equivalent(self, place: Place) -> Parameters:
-        """The parameters of `kind` that come nearest."""
-        raise NotImplementedError
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        """The parameters of `kind` that come nearest: its own, if the kind's law is the same."""
+        return self.physical()
 
     def map(self, device: Device) -> Array | None:  # noqa: ARG002
         """The device's own map (row, col), if the mechanism has one."""
@@ -81,9 +81,6 @@ class MisplacedBoard(Effect):
 
     def scene(self, surfaces: list[Surface], time_s: float) -> list[Surface]:  # noqa: ARG002
         return [s.shifted(self.shift_mm) if s.name == self.surface else s for s in surfaces]
-
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return self.physical()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -266,9 +263,6 @@ class StrayLight(Effect):
         x.charge += np.float32(self.share) * np.where(lit, x.charge, 0).mean(axis=1, keepdims=True)
         x.z = np.where(lit, x.z + np.float32(self.share) * veil, x.z)
 
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return self.physical()
-
 
 @dataclass(frozen=True, kw_only=True)
 class SecondBounce(Effect):
@@ -285,55 +279,6 @@ class SecondBounce(Effect):
         turned = self.share * x.device.phasor(np.array(self.extra_path_mm / 2))
         x.charge[on] += np.float32(self.share) * np.abs(x.z[on])
         x.z[on] *= np.complex64(1 + turned)
-
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return self.physical()
-
-
-@dataclass(frozen=True, kw_only=True)
-class EvenlyLitWall(Effect):
-    """A matt wall, evenly lit by the lamp, that lights a surface: patch by patch, each with its own way.
-
-    A patch returns `returned` of the light that the point of the surface has from the lamp, in all directions by the
-    cosine law.
-    """
-
-    surface: str
-    wall: str
-    returned: float
-    kind = "multipath"
-    patches = 60  # along each side
-
-    def factor(self, x: Exposure) -> Array:
-        """Light of the wall over that of the lamp (pixel,), complex; 0 for pixels that do not see the surface."""
-        names = [s.name for s in x.surfaces]
-        here, wall = x.surfaces[names.index(self.surface)], x.surfaces[names.index(self.wall)]
-        place = (np.arange(self.patches) + 0.5) / self.patches - 0.5
-        u, v = np.meshgrid(place * wall.size_mm[0], place * wall.size_mm[1], indexing="ij")
-        axes = wall.axes()
-        at = np.array(wall.center_mm) + u.reshape(-1, 1) * axes[:, 0] + v.reshape(-1, 1) * axes[:, 1]
-        area = wall.size_mm[0] * wall.size_mm[1] / self.patches**2
-        ours, theirs = (s.axes()[:, 2] * -np.sign(s.axes()[:, 2] @ np.array(s.center_mm)) for s in (here, wall))
-        azimuth, elevation = x.device.view.angles()
-        beam = np.stack([np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)])
-        out = np.zeros(x.z.shape[1], dtype=complex)
-        layer = (x.beams.surface == names.index(self.surface)) & (x.beams.share > 0)
-        for pixel in np.flatnonzero(layer.any(axis=0)):
-            range_mm = x.beams.range_mm[layer[:, pixel].argmax(), pixel]
-            way = at - range_mm * beam[:, pixel]
-            length = np.linalg.norm(way, axis=1)
-            seen = np.maximum(way @ ours, 0) * np.maximum(-(way @ theirs), 0) * area / (np.pi * length**4)
-            out[pixel] = (seen * x.device.phasor((np.linalg.norm(at, axis=1) + length - range_mm) / 2)).sum()
-        return self.returned * out
-
-    def light(self, x: Exposure) -> None:
-        on = x.surface == [s.name for s in x.surfaces].index(self.surface)
-        factor = self.factor(x)
-        x.charge += np.where(on, np.abs(factor) * np.abs(x.z), 0).astype(np.float32)
-        x.z *= np.where(on, 1 + factor, 1.0).astype(np.complex64)
-
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return {"surface": self.surface, "from": self.wall, "share": self.returned}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -441,9 +386,6 @@ class WholeBeam(Effect):
             x.z[block] = np.where(hit, total, x.z[block])
             x.charge[block] = np.where(hit, held, x.charge[block])
 
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return self.physical()
-
 
 @dataclass(frozen=True, kw_only=True)
 class AmbientLight(Effect):
@@ -529,9 +471,6 @@ class WildValues(Effect):
         range_mm[hit] = x.rng.uniform(x.device.range_min_mm, x.device.range_max_mm, int(hit.sum()))
         x.lost[hit] = False
 
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return self.physical()
-
 
 @dataclass(frozen=True, kw_only=True)
 class DeadTaps(Effect):
@@ -601,9 +540,6 @@ class Memory(Effect):
             normal[frame] *= fresh
             normal[frame] += keep * normal[frame - 1]
 
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return self.physical()
-
 
 @dataclass(frozen=True, kw_only=True)
 class SecondCamera(Effect):
@@ -640,49 +576,6 @@ class SecondCamera(Effect):
 
 
 @dataclass(frozen=True, kw_only=True)
-class UnevenClocks(Effect):
-    """A camera beside this one with exposures as long as ours and another frame rate; its light falls off sideways.
-
-    In a frame it adds light for as long as the exposures overlap, in proportion to that time. Both are given in frames
-    of ours: how long an exposure lasts, and by how much their frame is longer. With `spot_cols`, its beam is a Gaussian
-    of that width about the left edge of the image.
-    """
-
-    strength: float  # its amplitude as a share of our own, in a whole exposure
-    exposure: float
-    longer: float
-    spot_cols: float = 0.0
-    kind = "interference"
-
-    def overlap(self, time_s: Array, rate_hz: float, seed: int) -> Array:
-        """Part (frame,) of our exposure in which theirs is open, exposure by exposure."""
-        begin = time_s * rate_hz
-        theirs = float(np.random.default_rng([seed, 54]).random()) + (1 + self.longer) * np.arange(-2, begin.size + 2)
-        shared = np.minimum(begin[:, None], theirs) + self.exposure - np.maximum(begin[:, None], theirs)
-        return np.asarray(np.maximum(shared, 0).sum(axis=1) / self.exposure)
-
-    def beam(self, device: Device) -> Array:
-        """Its light (pixel,), over that at the left edge."""
-        fall = np.exp(-0.5 * (np.arange(device.cols) / self.spot_cols) ** 2) if self.spot_cols else np.ones(device.cols)
-        return np.tile(fall, device.rows)
-
-    def map(self, device: Device) -> Array | None:
-        return self.beam(device).reshape(device.rows, device.cols) if self.spot_cols else None
-
-    def light(self, x: Exposure) -> None:
-        part = self.overlap(x.time_s, x.device.frame_rate_hz, x.seed)[:, None] * self.beam(x.device)
-        other = x.rng.standard_normal(x.z.shape, np.float32) + 1j * x.rng.standard_normal(x.z.shape, np.float32)
-        x.z += ((self.strength / math.sqrt(2)) * part * np.abs(x.z) * other).astype(np.complex64)
-
-    def equivalent(self, place: Place) -> Parameters:
-        return {
-            "probability": 2 * self.exposure / (1 + self.longer),
-            "sigma_mm": float(place.device.unambiguous_mm / (2 * np.pi) * self.strength / math.sqrt(2)),
-            "period_frames": (1 + self.longer) / self.longer,
-        }
-
-
-@dataclass(frozen=True, kw_only=True)
 class FullWell(Effect):
     """Wells behind the background suppression that fill with the signal's own charge."""
 
@@ -709,9 +602,6 @@ class MovingBoard(Effect):
 
     def scene(self, surfaces: list[Surface], time_s: float) -> list[Surface]:
         return [s.shifted(self.velocity_mm_s * time_s) if s.name == self.surface else s for s in surfaces]
-
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return self.physical()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -754,6 +644,3 @@ class LeakyPixels(Effect):
             z = self.mixed(x.image(x.z[part])).reshape(-1, shape[1])
             x.z[part] = np.where(lit[part], z, x.z[part])
             x.charge[part] = self.mixed(x.image(x.charge[part])).reshape(-1, shape[1])
-
-    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
-        return self.physical()

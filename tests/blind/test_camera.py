@@ -6,9 +6,9 @@ from scipy.stats import kstest, kstwo
 
 from blind.calibrate import calibrated, flat_field
 from blind.camera import Device, record
-from blind.cases import DEVICES, draw_device, draw_lens, in_room_light
-from blind.geometry import Array, Surface, cast
-from blind.reference import amplitudes, scores, uniforms
+from blind.cases import draw_lens, in_room_light
+from blind.geometry import Array, cast
+from blind.reference import amplitudes, uniforms
 from blind.scenes import draw_scene
 
 DEVICE = Device(name="test camera", rows=40, cols=52, frames=120)
@@ -47,17 +47,6 @@ def test_samples_of_each_pixel_follow_equation_1_without_effects(device: Device,
     assert p.min() > 0.01 / p.size
 
 
-@pytest.mark.slow
-def test_moments_are_those_of_equation_1_without_effects() -> None:
-    surfaces = draw_scene("near_far", [5], DEVICE.view).surfaces
-    samples = record(DEVICE, surfaces, seed=8).range_mm.reshape(DEVICE.frames, -1).astype(float)
-    noise = calibrated(DEVICE)
-    score = scores(samples, cast(surfaces, DEVICE.view), DEVICE, noise, np.random.default_rng(1))
-    n = score.size
-    for power, mean, variance in ((1, 0, 1), (2, 1, 2), (3, 0, 15), (4, 3, 96)):
-        assert abs((score**power).mean() - mean) < 4 * np.sqrt(variance / n)
-
-
 def test_noise_of_a_board_depends_on_its_range_alone() -> None:
     """The contract's sigma depends on the range alone; the ambient light is such that the taps' noise does too."""
     noise = calibrated(DEVICE)
@@ -65,14 +54,6 @@ def test_noise_of_a_board_depends_on_its_range_alone() -> None:
         spread = flat_field(DEVICE, away, 40_000, seed=50 + k).std()
         assert spread == pytest.approx(float(noise.sigma(np.array(away))), rel=4 / np.sqrt(2 * 40_000))
         assert spread == pytest.approx(float(DEVICE.design_sigma(away)), rel=0.03)
-
-
-@pytest.mark.parametrize("far", [False, True])
-def test_phase_noise_is_below_a_fifth_of_a_radian(*, far: bool) -> None:
-    for number in range(DEVICES):
-        device = draw_device(1, number, far=far)
-        sigma = float(device.design_sigma(device.range_max_mm))
-        assert sigma * 2 * np.pi / device.unambiguous_mm < 0.2
 
 
 def test_same_seed_gives_the_same_recording_and_another_another() -> None:
@@ -92,30 +73,3 @@ def test_under_room_light_dark_boards_are_noisier_than_bright_ones_at_the_same_p
             amplitude = ROOM.amplitude(np.array(away), np.array(gloss)) * ROOM.amplitude_unit
             said = float(noise.sigma(np.array(away), amplitude))
             assert measured == pytest.approx(said, rel=4 / np.sqrt(2 * 40_000))
-
-
-def test_under_room_light_the_noise_is_a_function_of_the_amplitude_alone() -> None:
-    """So a model file can hold it: near and dark is as noisy as far and bright."""
-    near, far = 2000.0, 4000.0
-    spread = [flat_field(ROOM, near, 40_000, 71, gloss=0.2).std(), flat_field(ROOM, far, 40_000, 72, gloss=0.8).std()]
-    assert spread[0] == pytest.approx(spread[1], rel=6 / np.sqrt(2 * 40_000))
-
-
-def test_noise_by_amplitude_is_measured_to_a_quarter_of_a_percent() -> None:
-    noise = calibrated(ROOM)
-    for away in (900.0, 2000.0, 3500.0, 5000.0):
-        for gloss in (0.15, 0.4, 0.9):
-            amplitude = ROOM.amplitude(np.array(away), np.array(gloss)) * ROOM.amplitude_unit
-            designed = float(ROOM.sigma(np.array(away), np.array(gloss)))
-            if designed * 2 * np.pi / ROOM.unambiguous_mm < 0.05:  # below the arc's own part
-                assert float(noise.sigma(np.array(away), amplitude)) == pytest.approx(designed, rel=2.5e-3)
-
-
-def test_open_space_under_room_light_is_as_noisy_as_the_curve_says_at_the_end_of_the_range() -> None:
-    board = [Surface(name="board", center_mm=(0.0, 0.0, 2000.0), size_mm=(300.0, 300.0))]
-    device = replace(ROOM, frames=40)
-    recording = record(device, board, seed=5).range_mm.reshape(40, -1)
-    empty = recording[:, cast(board, device.view).nothing == 1]
-    middle = empty[np.abs(empty - device.range_max_mm) < 1000]
-    wanted = float(calibrated(ROOM).sigma(np.array(device.range_max_mm)))
-    assert middle.std() == pytest.approx(wanted, rel=0.01)

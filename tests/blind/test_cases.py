@@ -3,14 +3,13 @@ import json
 import runpy
 import tomllib
 from collections import Counter
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
-from blind.cases import OPEN_SEED, Built, Case, all_cases, build, strengths
+from blind.cases import OPEN_SEED, Built, all_cases, build, strengths
 from blind.eligible import EVERY, FAMILIES, INSEPARABLE
 from blind.generate import write_case
 from blind.scenes import FAMILIES as SCENES
@@ -94,19 +93,6 @@ def test_case_is_a_function_of_its_name_and_the_master_seed() -> None:
     assert one.scenes != other.scenes
 
 
-def test_other_settings_have_each_kind_as_often_in_either_half() -> None:
-    cases = [c for c in all_cases() if c.setting != "ordinary"]
-    assert Counter((c.setting, c.sort) for c in cases) == {
-        ("room_light", "single"): 4 * (len(KINDS) - 1),
-        ("room_light", "none"): 8,
-        ("pinhole", "single"): 4 * len(KINDS),
-        ("pinhole", "none"): 8,
-        ("missing_object", "stranger"): 12,
-    }
-    assert 2 * Counter(c.half for c in cases)["open"] == len(cases)
-    assert {k for c in cases for k in c.kinds if c.setting == "room_light"} == set(KINDS) - {"phase_wrapping"}
-
-
 @pytest.mark.parametrize(("name", "drawn"), DRAWN.items())
 def test_ordinary_case_is_drawn_as_before_there_were_other_settings(name: str, drawn: str) -> None:
     """Digests of what 21faa3d drew: camera, scenes, models, truth and the seeds of the recordings.
@@ -118,47 +104,6 @@ def test_ordinary_case_is_drawn_as_before_there_were_other_settings(name: str, d
     what += [getattr(built.device, key) for key in ("name", "frequency_hz", "frame_rate_hz", "noise_square")]
     rounded = json.loads(json.dumps(what), parse_float=lambda text: f"{float(text):.8g}")
     assert hashlib.sha256(json.dumps(rounded).encode()).hexdigest()[:16] == drawn
-
-
-def test_lens_is_in_model_and_recording_in_the_contracts_terms(tmp_path: Path) -> None:
-    built = _small("pinhole-wiggling-clear-0")
-    write_case(tmp_path, built)
-    sensor = tomllib.loads((tmp_path / "model.toml").read_text())["sensor"]
-    assert sensor["projection"] == "pinhole"
-    assert "fov_horizontal_deg" not in sensor
-    assert built.device.lens is not None
-    k1, k2, k3 = built.device.lens.radial
-    assert sensor["distortion"] == [k1, k2, 0.0, 0.0, k3]
-    assert [sensor[key] for key in ("fx", "fy", "cx", "cy")] == list(built.device.lens.pixels(16, 20))
-    with h5py.File(tmp_path / "measured.h5") as root:
-        for key in ("fx", "fy", "cx", "cy"):
-            assert root["sensor"].attrs[key] == sensor[key]
-        assert list(root["sensor"].attrs["distortion"]) == sensor["distortion"]
-
-
-def test_noise_by_amplitude_is_in_model_and_recording(tmp_path: Path) -> None:
-    built = _small("room_light-wiggling-clear-0")
-    write_case(tmp_path, built)
-    noise = tomllib.loads((tmp_path / "model.toml").read_text())["sensor"]["noise"]
-    assert len(noise["reference_amplitude"]) == len(noise["range_mm"]) == len(noise["sigma_mm"])
-    assert len(noise["amplitude"]) == len(noise["amplitude_factor"])
-    with h5py.File(tmp_path / "measured.h5") as root:
-        for key in ("reference_amplitude", "amplitude", "amplitude_factor"):
-            np.testing.assert_array_equal(root["sensor"][f"noise_{key}"][...], noise[key])
-    assert max(map(len, (tmp_path / "model.toml").read_text().splitlines())) < 1000
-
-
-@pytest.mark.parametrize("master", [OPEN_SEED, pytest.param(7, marks=pytest.mark.slow)])
-def test_missing_object_is_in_the_scene_and_not_in_the_model(master: int) -> None:
-    for case in [c for c in all_cases() if c.setting == "missing_object"][:: 3 if master == OPEN_SEED else 1]:
-        built = build(case, master, camera=CAMERA)
-        assert built.scenes[0][:-1] == built.models[0]
-        assert built.scenes[0][-1].name not in {s.name for s in built.models[0]}
-        assert built.scenes[1] == built.models[1]
-        truth = built.truth()
-        assert 0.04 < truth["stranger"]["size"] < 0.16
-        assert truth["kinds"] == truth["effects"] == []
-        assert {"row", "col", "surface"} <= set(truth["stranger"]["axes"])
 
 
 @pytest.mark.parametrize(
@@ -191,18 +136,3 @@ def test_folder_of_a_case_fits_the_contract_and_hides_its_truth(name: str, tmp_p
             assert list(check(tmp_path / f"measured{stem}.h5")) == []
     assert truth["kinds"] == [e["kind"] for e in truth["effects"]]
     assert ("stranger" in truth) == (built.case.sort == "stranger")
-
-
-def test_nearly_right_model_is_off_by_the_contracts_tolerance() -> None:
-    built = _small("nearly-1")
-    noise = build(replace(built.case, sort="none"), OPEN_SEED, camera=CAMERA).noise
-    assert np.abs(built.noise.sigma_mm / noise.sigma_mm - 1).max() == pytest.approx(0.01)
-    for there, model in zip(built.scenes[0], built.models[0], strict=True):
-        assert abs(model.reflectivity / there.reflectivity - 1) == pytest.approx(0.05)
-        assert 0 < np.linalg.norm(np.subtract(model.center_mm, there.center_mm)) < 15
-
-
-def test_case_made_by_hand_is_in_the_list_and_has_no_effect() -> None:
-    case = Case(name="none-0", sort="none", kinds=(), level="", slot=0, seed=0, half="open")
-    assert case in all_cases()
-    assert build(case, OPEN_SEED, camera=CAMERA).truth()["effects"] == []

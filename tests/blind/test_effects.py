@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from blind import effects as fx
-from blind.camera import Device, Mechanism, Recording, expose, record
+from blind.camera import Device, Mechanism, Recording, record
 from blind.effects import Effect, Place
 from blind.geometry import Array, Surface, cast
 from blind.scenes import TARGET
@@ -194,15 +194,6 @@ def test_ambient_light_multiplies_the_noise() -> None:
     assert np.median(_ratio(mechanism)[MAIN]) == pytest.approx(factor, rel=0.02)
 
 
-def test_sun_on_a_board_multiplies_its_noise_alone() -> None:
-    mechanism = fx.SunOnBoard(surface="near", times=4.0)
-    ratio, of = _ratio(mechanism), mechanism.equivalent(PLACE)
-    assert of["surface"] == "near"
-    assert np.median(ratio[MAIN & (SURFACE == 1)]) == pytest.approx(of["factor"], rel=0.03)
-    np.testing.assert_array_equal(ratio[MAIN & (SURFACE != 1)], 1.0)
-    assert np.abs(bias(mechanism)[MAIN & (SURFACE == 1)] / SIGMA[MAIN & (SURFACE == 1)]).max() < 0.6  # noise alone
-
-
 def test_room_light_at_angles_divides_the_noise_by_the_cosine_of_incidence() -> None:
     """The target is turned by 45 degrees."""
     mechanism = fx.RoomAtAngles()
@@ -241,54 +232,6 @@ def test_second_camera_adds_its_noise_in_bursts() -> None:
     assert lengths.mean() == pytest.approx(5, abs=2.0)  # bursts may touch
 
 
-def test_clocks_that_differ_beat_with_the_period_of_their_equivalent() -> None:
-    mechanism = fx.UnevenClocks(strength=0.05, exposure=0.3, longer=0.04)
-    of = mechanism.equivalent(PLACE)
-    assert of["period_frames"] == pytest.approx(26)
-    part = mechanism.overlap(np.arange(DEVICE.frames) / DEVICE.frame_rate_hz, DEVICE.frame_rate_hz, 3)
-    assert (part > 0).mean() == pytest.approx(of["probability"], abs=0.05)
-    away = np.arange(DEVICE.frames)[:, None] / of["period_frames"] + np.linspace(0, 1, 2000)
-    triangles = np.maximum(1 - 2 * np.abs(away % 1 - 0.5) / of["probability"], 0)
-    assert np.abs(triangles - part[:, None]).max(axis=0).min() < 0.01
-    with_it, without = pair(mechanism)
-    change = (with_it.range_mm - without.range_mm)[:, MAIN].std(axis=1)
-    np.testing.assert_allclose(change, of["sigma_mm"] * part, atol=0.08 * of["sigma_mm"])  # of some 500 pixels
-
-
-def test_spot_of_another_camera_adds_its_part_in_each_column() -> None:
-    mechanism = fx.UnevenClocks(strength=0.05, exposure=0.999, longer=1e-9, spot_cols=9.0)
-    part = mechanism.map(DEVICE)
-    assert part is not None
-    with_it, without = pair(mechanism)
-    change = np.where(MAIN, (with_it.range_mm - without.range_mm).std(axis=0), 0.0).sum(axis=0)
-    some = MAIN.sum(axis=0) > 3
-    open_ = mechanism.overlap(np.arange(DEVICE.frames) / DEVICE.frame_rate_hz, DEVICE.frame_rate_hz, 3)
-    wanted = mechanism.equivalent(PLACE)["sigma_mm"] * part[0] * open_.mean()
-    np.testing.assert_allclose(change[some] / MAIN.sum(axis=0)[some], wanted[some], atol=0.08 * wanted.max())
-
-
-def test_evenly_lit_wall_lights_a_corner_as_the_form_factors_of_endless_walls_say() -> None:
-    """At distance a from a wall of height h: (1 - a / sqrt(a^2 + h^2)) / 2 of the light that all around would give."""
-    floor = Surface(name="floor", center_mm=(0, 700, 3000), size_mm=(20000, 3000), pitch_deg=-90, reflectivity=0.5)
-    wall = Surface(name="wall", center_mm=(0, -300, 4500), size_mm=(20000, 2000), reflectivity=0.8)
-    mechanism = fx.EvenlyLitWall(surface="floor", wall="wall", returned=0.6)
-    x = expose(DEVICE, [floor, wall], (), 3)
-    factor = mechanism.factor(x)
-    seen = (x.beams.surface[0] == 0) & (x.beams.share[0] == 1)
-    assert seen.sum() > 100
-    azimuth, elevation = DEVICE.view.angles()
-    away = 4500 - (x.beams.range_mm[0] * np.cos(azimuth) * np.cos(elevation))[seen]
-    wanted = 0.3 * (1 - away / np.hypot(away, 2000))
-    far = away > 300  # patches of 330 mm by 33
-    assert np.abs(np.abs(factor[seen]) - wanted)[far].max() < 0.12 * wanted.max()  # ways differ, so phasors add to less
-    with_it = record(DEVICE, [floor, wall], (mechanism,), seed=3).range_mm
-    without = record(DEVICE, [floor, wall], (), seed=3).range_mm
-    moved = (with_it - without).mean(axis=0).ravel()
-    turned = DEVICE.unambiguous_mm / (2 * math.pi) * np.angle(1 + factor)
-    np.testing.assert_allclose(moved[seen], turned[seen], atol=0.05 * np.abs(turned).max() + 1)
-    assert np.abs(moved[(x.beams.surface[0] == 1) & (x.beams.share[0] == 1)]).max() < 0.1
-
-
 def test_noise_with_memory_keeps_its_spread() -> None:
     with_it, without = pair(fx.Memory(coefficient=0.5))
     score = (with_it.range_mm - with_it.range_mm.mean(0))[:, MAIN] / SIGMA[MAIN]
@@ -307,21 +250,6 @@ def test_whole_beams_lie_between_their_surfaces() -> None:
     wanted = np.mod(np.angle(total), 2 * math.pi) * DEVICE.unambiguous_mm / (2 * math.pi)
     sigma = float(DEVICE.design_sigma(5000.0))
     np.testing.assert_allclose(np.median(samples, axis=0)[mixed], wanted[mixed], atol=4 * sigma / math.sqrt(150))
-
-
-def test_whole_beams_beside_open_space_return_their_surface() -> None:
-    """Without the wall behind: no sample of no return is left where there is some light."""
-    open_scene = [surface for surface in SCENE if surface.name != "wall"]
-    beams = cast(open_scene, DEVICE.view)
-    beside = (beams.nothing > 0.1) & ((beams.share > 0).sum(axis=0) == 1) & (beams.share.max(axis=0) > 0.3)
-    assert beside.any()
-    own = beams.range_mm[0, beside]
-    plain, whole = (
-        record(DEVICE, open_scene, effects, seed=3).range_mm.reshape(DEVICE.frames, -1)[:, beside]
-        for effects in ((), (fx.WholeBeam(probability=1.0),))
-    )
-    assert (abs(plain - own) > 1500).mean() > 0.05
-    assert (abs(whole - own) > 1500).mean() < 0.01
 
 
 def test_leaking_pixels_mix_phasors_with_their_neighbours() -> None:
@@ -366,30 +294,6 @@ def test_share_of_lost_or_wild_samples_is_the_strength(kind: str) -> None:
         else:
             seen = (np.abs(samples - RANGE) > 8 * SIGMA)[:, MAIN].mean()
         assert seen == pytest.approx(share, rel=0.35)
-
-
-def test_echo_of_the_window_has_its_share_range_and_jitter() -> None:
-    mechanism = fx.WindowEcho(share_of_shots=0.06, gap_mm=25.0, jitter_ps=30.0)
-    p = mechanism.equivalent(PLACE)
-    assert p["sigma_mm"] == pytest.approx(4.497, abs=0.001)  # 30 ps of light, there and back
-    samples = record(DEVICE, SCENE, (mechanism,), seed=3).range_mm
-    near = samples[samples < 60]
-    assert near.size / samples.size == pytest.approx(p["share"], abs=4 * math.sqrt(0.06 * 0.94 / samples.size))
-    assert near.mean() == pytest.approx(p["range_mm"], abs=4 * 4.5 / math.sqrt(near.size))
-    assert near.std() == pytest.approx(p["sigma_mm"], rel=4 / math.sqrt(2 * near.size))
-
-
-def test_comparators_equivalent_noise_includes_the_samples_own() -> None:
-    mechanism = fx.LostSamples(packet_loss=0.0, threshold=15.0, comparator_noise=1.0)
-    p = mechanism.equivalent(PLACE)
-    samples = record(DEVICE, SCENE, (mechanism,), seed=3).range_mm
-    from scipy.special import ndtr
-
-    wanted = ndtr((p["threshold"] - AMPLITUDE) / p["threshold_noise"])
-    seen = np.isnan(samples).mean(axis=0)
-    assert np.abs(seen - wanted)[MAIN].max() < 0.12
-    assert (seen - wanted)[MAIN].mean() == pytest.approx(0, abs=0.005)
-    assert wanted[MAIN].mean() > 0.05
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -10,9 +10,9 @@ from blind.cases import draw_device, in_room_light, strengths
 from blind.effects import Place
 from blind.eligible import FAMILIES, ROOM_LIGHT
 from blind.faint import Trial, template
-from blind.geometry import Array, Surface, cast
+from blind.geometry import Array, cast
 from blind.reference import NoiseTable
-from blind.scenes import TARGET, draw_scene
+from blind.scenes import draw_scene
 from blind.strength import make
 
 BIASES = (
@@ -91,18 +91,3 @@ def test_no_rival_explains_a_faint_bias(kind: str, *, room_light: bool) -> None:
             fit, *_ = np.linalg.lstsq(columns[use], wanted[use], rcond=None)
             left = np.linalg.norm(wanted[use] - columns[use] @ fit) * scale
             assert left > 6, f"{rival} explains {kind} on {family}: {left:.1f} left"
-
-
-def test_pose_explains_a_delay_on_a_small_board_that_faces_the_camera() -> None:
-    """As `INSEPARABLE` says: there its pose explains a delay."""
-    device = replace(draw_device(81, 0), rows=24, cols=32, fov_horizontal_deg=6.0, fov_vertical_deg=4.5)
-    board = [Surface(name=TARGET, center_mm=(0.0, 0.0, 2500.0), size_mm=(2000.0, 2000.0))]
-    ranges = np.linspace(200.0, device.range_max_mm, 200)
-    noise = NoiseTable(range_mm=ranges, sigma_mm=device.design_sigma(ranges))
-    beams = cast(board, device.view)
-    trial = Trial(device=device, scene=board, model=board, noise=noise, beams=beams)
-    place = Place(device=device, surfaces=board, beams=beams)
-    wanted = template(trial, make("range_offset", 0.2, np.random.default_rng(5), place))[0]
-    pose = _rivals(trial, place, "range_offset")[f"surface_pose of {TARGET}"]
-    fit, *_ = np.linalg.lstsq(pose, wanted, rcond=None)
-    assert np.linalg.norm(wanted - pose @ fit) * math.sqrt(SAMPLES / device.view.pixels) < 1

@@ -3,24 +3,18 @@
 import json
 import shlex
 import sys
-from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from support.simulate_here import simulate_here
 
 from blind import bench
-from blind import effects as fx
 from blind.bench import read_results
-from blind.camera import Recording
-from blind.cases import OPEN_SEED, Built, Case, all_cases, build
+from blind.cases import OPEN_SEED, Built, all_cases, build
 from blind.generate import selected
 from blind.judge import judge
-from blind.panel import compare, gap
-from blind.score import RECONCILE, SIMULATIONS, Plan, score, true_effects
+from blind.score import RECONCILE, Plan, score, true_effects
 from blind.summary import summary
 
 
@@ -58,22 +52,6 @@ def test_reconcile_that_knows_the_truth_scores_at_the_ceiling(fake: tuple[str, .
     line = tmp_path / "results.jsonl"
     line.write_text(json.dumps(result | {"master": OPEN_SEED}) + "\n")
     assert "pairs: both | 1/1 (100 %)" in summary(read_results(line))
-
-
-@pytest.mark.usefixtures("quick_calibration")
-def test_gaps_of_bursts_are_means_over_several_simulations(tmp_path: Path) -> None:
-    built = _built("interference-clear-0-0", 16, 20, 40)
-    seeds: list[int] = []
-
-    def simulate(_model: Path, seed: int) -> Recording:
-        seeds.append(seed)
-        return built.record(0, ideal=len(seeds) % 2 == 1)
-
-    result = score(built, tmp_path, Plan(reconcile=None, simulate=simulate))
-    assert len(set(seeds)) == len(seeds) == 2 + SIMULATIONS["interference"]  # the first and the two-sample tests'
-    gaps = [gap(compare(built.record(2), built.record(0, ideal=ideal))) for ideal in (True, False)]
-    assert result["before"] == gaps[0]
-    assert result["ceiling"] == pytest.approx(((gaps[0] - gaps[1]) / 2) / (gaps[0] - result["floor"]))
 
 
 @pytest.mark.usefixtures("quick_calibration")
@@ -126,63 +104,9 @@ def test_parameter_is_right_if_it_is_the_truth_and_wrong_if_off_by_30_percent(na
     assert not judge(_said(kind, off), built, tmp_path)["parameters"][kind]["right"]
 
 
-@pytest.mark.usefixtures("quick_calibration")
-def test_parameter_off_by_2_errors_is_right_and_by_10_wrong(tmp_path: Path) -> None:
-    built = _built("range_offset-clear-0-0", 16, 20, 30)
-    offset = built.truth()["effects"][0]["parameters"]["offset_mm"]
-    for error, right in ((0.05, True), (0.01, False)):
-        said = _said("range_offset", {"offset_mm": 1.1 * offset}, {"offset_mm": error * abs(offset)})
-        assert judge(said, built, tmp_path)["parameters"]["range_offset"]["right"] is right
-
-
-@pytest.mark.usefixtures("quick_calibration")
-def test_map_of_half_the_size_is_wrong(tmp_path: Path) -> None:
-    built = _built("fixed_pattern-clear-0-0", 24, 32, 60)
-    (lines,) = built.mechanisms
-    assert isinstance(lines, fx.DelayLines)
-    wanted = lines.map(built.device)
-    for scale, right in ((1.02, True), (0.5, False)):
-        np.save(tmp_path / "map.npy", scale * wanted)
-        said = _said("fixed_pattern", {"map": "map.npy"})
-        assert judge(said, built, tmp_path)["parameters"]["fixed_pattern"]["right"] is right
-
-
-@pytest.mark.usefixtures("quick_calibration")
-def test_place_of_a_stranger_is_right_on_its_axes_alone(tmp_path: Path) -> None:
-    built = _built("kink-0", 16, 20, 30)
-    said = {"verdict": "unexplained", "effects": [], "where": [{"axis": "range", "statistic": "bias"}]}
-    assert judge(said, built, tmp_path)["axis_right"]
-    said["where"] = [{"axis": "time", "statistic": "trend"}]
-    assert not judge(said, built, tmp_path)["axis_right"]
-
-
 TESTS = Path(__file__).parents[1]
 
 NAME = "wiggling-clear-0-0"
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("quick_calibration")
-def test_scored_case_is_one_line_that_is_summed_up_and_not_scored_again(
-    tmp_path: Path, fake: tuple[str, ...], capsys: pytest.CaptureFixture[str]
-) -> None:
-    """With a stand-in for `tofmix reconcile` that is handed the truth."""
-    ((case, master),) = selected([NAME], None)
-    built = build(case, master)
-    built = replace(built, device=replace(built.device, **bench.SMALL))
-    truth, results = tmp_path / "effects.json", tmp_path / "results.jsonl"
-    truth.write_text(json.dumps(true_effects(built, tmp_path)))
-    plan = Plan(reconcile=(*fake, str(truth)), ceiling=False, second=False, small=True, simulate=simulate_here)
-    bench.run([(case, master, tmp_path / "work", plan)], results, processes=1)
-    (wiggling,) = bench.read_results(results)
-    assert (wiggling["verdict"], wiggling["named"]) == ("explained", ["wiggling"])
-    assert wiggling["parameters"]["wiggling"]["right"]
-    assert wiggling["closed"] > 0.9
-    assert f"1/1 {NAME} explained wiggling" in capsys.readouterr().out
-    first = results.read_text()
-    bench.main(["--output", str(tmp_path), "--select", NAME, "--processes", "1"])
-    assert results.read_text() == first
-    assert "clear: named first | 1/1 (100 %)" in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -217,24 +141,6 @@ def test_sealed_half_is_left_out_without_its_seed(tmp_path: Path) -> None:
     assert {master for _, master in sealed} == {7}
     bench.main(["--output", str(tmp_path), "--select", "none-17", "--processes", "1"])  # a sealed one: nothing to do
     assert bench.read_results(tmp_path / "results.jsonl") == []
-
-
-def test_each_beginning_of_the_order_has_the_shares_of_all_cases() -> None:
-    cases = selected([], 5)
-    ordered = bench.fair_order(cases)
-    assert sorted(case.name for case, _ in ordered) == sorted(case.name for case, _ in cases)
-
-    def shares(some: list[tuple[Case, int]]) -> dict[tuple[str, str, str], float]:
-        counted = Counter((case.half, case.sort, case.level) for case, _ in some)
-        return {stratum: count / len(some) for stratum, count in counted.items()}
-
-    ordinary = [pair for pair in ordered if pair[0].setting == "ordinary"]
-    for length in (250, 400):
-        assert shares(ordinary[:length]) == pytest.approx(
-            shares(ordinary), abs=0.03
-        )  # kinds have seven or eight cases each, and take turns: 200 end within one
-        others = sum(case.setting != "ordinary" for case, _ in ordered[:length]) / length
-        assert others == pytest.approx(1 - len(ordinary) / len(ordered), abs=0.03)
 
 
 def test_summary_has_a_section_and_two_sample_columns_for_each_setting() -> None:

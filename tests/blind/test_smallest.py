@@ -33,14 +33,6 @@ def test_magnitude_of_95_percent_is_found_within_its_deviation(width: float) -> 
     assert beyond <= 10
 
 
-def test_effect_that_is_never_named_is_tried_at_clear_and_needs_more() -> None:
-    search = Search()
-    for _ in range(16):
-        search.add(search.next(), named=False)
-    assert search.next() == 0.0
-    assert search.found()[0] > 0.0
-
-
 @pytest.mark.usefixtures("quick_calibration")
 def test_steps_of_a_search_differ_in_the_magnitude_alone() -> None:
     strong, weak = CELL.built(0.0, 3, OPEN_SEED), CELL.built(-2.0, 3, OPEN_SEED)

@@ -16,7 +16,6 @@ from support import naive_png
 from support.bags import AMPLITUDE, DEPTH, INFO, KINDS, new_bag
 from support.commandline import Tofmix
 
-import tofmix as tm
 from tofmix.errors import ExitCode
 from tofmix.io.importers import writing
 
@@ -334,18 +333,6 @@ def test_commands_name_the_missing_camera_data(tofmix: Tofmix, tmp_path: Path) -
     assert tofmix("surfaces", layers).err == refused.err.replace("known; import", remedy)
 
 
-@pytest.mark.slow
-def test_fov_option_is_stored_in_the_recording(tofmix: Tofmix, tmp_path: Path) -> None:
-    np.save(tmp_path / "a.npy", samples_any_camera((60, 8, 8)))
-    tofmix.done("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5", "--fov", "70x55")
-    with h5py.File(tmp_path / "a.h5") as root:
-        assert root["sensor"].attrs["fov_horizontal_deg"] == 70.0
-        assert root["sensor"].attrs["fov_vertical_deg"] == 55.0
-    tofmix.done("estimate", tmp_path / "a.h5")
-    done = tofmix.done("map", tmp_path / "a.layers.h5", "-o", tmp_path / "map.yaml")
-    assert "no range_max_mm: samples without a return mark no space as free" in done.err
-
-
 def test_metres_are_noticed_after_empty_first_frames(tofmix: Tofmix, tmp_path: Path) -> None:
     values = (samples_any_camera((250, 4, 6)) / 1000).astype("f4")
     values[:120] = np.nan
@@ -433,41 +420,6 @@ def test_a_recording_in_metres_keeps_its_camera(tofmix: Tofmix, tmp_path: Path) 
         assert "amplitude" in root
 
 
-@pytest.mark.parametrize(("mark", "header"), [(",", None), (";", "z0"), ("\t", None), (" ", None), (",", "time")])
-def test_csv_with_a_frame_a_line_is_imported(tofmix: Tofmix, tmp_path: Path, mark: str, header: str | None) -> None:
-    values = np.round(samples_any_camera((20, 4, 6)), 2)
-    lines = [mark.join(f"{value:g}" for value in frame.ravel()) for frame in values]
-    if header is not None:
-        names = [f"z{k}" for k in range(24)]
-        if header == "time":
-            names, lines = ["time", *names], [f"{k / 15:g}{mark}{line}" for k, line in enumerate(lines)]
-        lines = [mark.join(names), *lines]
-    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n\n")
-    done = tofmix("import", tmp_path / "a.csv", "-o", tmp_path / "r.h5", "--shape", "4x6")
-    assert (done.code, done.err) == (0, "")
-    np.testing.assert_array_equal(read(tmp_path / "r.h5"), values.astype("f4"))
-    with h5py.File(tmp_path / "r.h5") as root:
-        assert ("time" in root) == (header == "time")
-
-
-def test_csv_with_a_sample_a_line_is_imported_in_any_order(tofmix: Tofmix, tmp_path: Path) -> None:
-    values = np.round(samples_any_camera((5, 4, 6)), 1)
-    place = np.stack(np.unravel_index(np.arange(values.size), values.shape), axis=1)
-    lines = [
-        f"x,{c},{r},{f + 100},{values[f, r, c]:g},{10 * c}"
-        for f, r, c in np.random.default_rng(1).permutation(place)
-        if (f, r, c) not in ((1, 0, 0), (2, 3, 5))
-    ]
-    lines[7:7] = ["x,0,0,101,,3", "", "# a remark"]
-    (tmp_path / "a.csv").write_text("note,col,row,frame,range,amplitude\n" + "\n".join(lines))
-    done = tofmix("import", tmp_path / "a.csv", "-o", tmp_path / "r.h5")
-    assert (done.code, done.err) == (0, "")
-    expected = values.astype("f4")
-    expected[1, 0, 0] = expected[2, 3, 5] = np.nan
-    np.testing.assert_array_equal(read(tmp_path / "r.h5"), expected)
-    assert (read(tmp_path / "r.h5", "amplitude")[0, :, 5] == 50).all()
-
-
 def test_a_long_csv_may_name_its_unit_and_count_from_1(tofmix: Tofmix, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("frame,row,col,range_m\n1,1,1,1.5\n1,1,2,1.6\n2,1,1,1.7\n2,1,2,-1\n")
     done = tofmix.done("import", tmp_path / "a.csv", "-o", tmp_path / "r.h5", "--invalid", -1)
@@ -503,12 +455,6 @@ def test_invalid_csv_is_refused_in_one_line(
     (tmp_path / "a.csv").write_text(text)
     tofmix("import", tmp_path / "a.csv", "-o", tmp_path / "r.h5", *options).refused(ExitCode.BAD_INPUT, reason)
     assert not (tmp_path / "r.h5").exists()
-
-
-def test_zones_in_one_axis_are_laid_out_by_shape(tofmix: Tofmix, tmp_path: Path) -> None:
-    np.save(tmp_path / "a.npy", samples_any_camera().reshape(60, 24))
-    tofmix.done("import", tmp_path / "a.npy", "-o", tmp_path / "r.h5", "--shape", "4x6")
-    np.testing.assert_array_equal(read(tmp_path / "r.h5"), samples_any_camera().astype("f4"))
 
 
 def test_json_lists_the_output_and_unknown_camera_data(tofmix: Tofmix, tmp_path: Path) -> None:
@@ -569,16 +515,6 @@ def _make(tofmix: Tofmix, folder: Path) -> Path:
     assert "Each pixel has up to 3 targets a frame" in estimated.err
     assert "A share is the share of its detections" in estimated.err
     return folder
-
-
-@pytest.mark.slow
-def test_the_recording_has_the_axis_of_the_contract(made: Path) -> None:
-    with h5py.File(made / "t.h5") as root:
-        np.testing.assert_array_equal(root["range"][...], samples_targets())
-        scales = [dim[0].name for dim in root["range"].dims]
-        assert scales == ["/frame", "/target", "/row", "/col"]
-    with xarray.open_dataset(made / "t.h5", engine="h5netcdf") as data:
-        assert data["range"].dims == ("frame", "target", "row", "col")
 
 
 def test_all_valid_targets_are_samples_of_their_pixel(made: Path) -> None:
@@ -662,40 +598,6 @@ def test_target_arrays_of_any_order_of_axes_are_imported(tofmix: Tofmix, tmp_pat
     tofmix.done("import", path, "-o", tmp_path / "r.h5", "--axes", axes)
     with h5py.File(tmp_path / "r.h5") as root:
         np.testing.assert_array_equal(root["range"][...], samples_targets())
-
-
-def test_csv_with_a_target_column_is_imported(tofmix: Tofmix, tmp_path: Path) -> None:
-    values = samples_targets()[:20, :2]
-    lines = ["frame,row,col,target,range_mm,amplitude"]
-    lines += [
-        f"{f},{r},{c},{t + 1},{values[f, t, r, c]},{50 - t}"
-        for f, t, r, c in np.ndindex(values.shape)
-        if values[f, t, r, c]
-    ]
-    (tmp_path / "a.csv").write_text("\n".join(lines))
-    done = tofmix("import", tmp_path / "a.csv", "-o", tmp_path / "r.h5", "--shape", "6x8")
-    assert (done.code, done.err) == (0, "")
-    with h5py.File(tmp_path / "r.h5") as root:
-        np.testing.assert_array_equal(root["range"][...], np.where(values > 0, values, np.nan).astype("f4"))
-        assert set(root["amplitude"][:, 1][values[:, 1] > 0].tolist()) == {49.0}
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:Each pixel has up to 3 targets")
-def test_from_python_the_samples_have_the_axis_and_shares_are_the_same(made: Path, tmp_path: Path) -> None:
-    recording = tm.open(made / "t.h5")
-    assert isinstance(recording, tm.Recording)
-    assert (recording.shape, recording.targets) == ((90, 6, 8), 3)
-    assert recording.range_mm.shape == SHAPE_TARGETS
-    found = tm.estimate(recording, window=45, workers=1)
-    assert found.window_stop.tolist() == [45, 90]
-    assert found.n_samples.sum() == (samples_targets() > 0).sum()
-    saved = tm.open(found.save(tmp_path / "p.layers.h5"))
-    assert isinstance(saved, tm.Estimate)
-    assert saved.provenance.targets == 3
-    again = tm.open(recording.save(tmp_path / "copy.h5"))
-    assert isinstance(again, tm.Recording)
-    np.testing.assert_array_equal(again.range_mm, recording.range_mm)
 
 
 def test_refusal_of_reconcile_names_the_command_that_keeps_one_target(

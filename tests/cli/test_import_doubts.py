@@ -49,13 +49,6 @@ def test_clock_set_back_and_a_frame_stored_twice_give_an_ascending_recording(tof
         np.testing.assert_array_equal(root["amplitude"][...], IMAGES * 2)
 
 
-def test_times_begin_at_0(tofmix: Tofmix, tmp_path: Path) -> None:
-    np.savez(tmp_path / "a.npz", range=IMAGES, time=1.7e12 + 40.0 * np.arange(12))
-    _, times, notes = imported(tofmix, tmp_path / "a.npz", "--time-unit", "ms")
-    np.testing.assert_allclose(times, np.arange(12) / 25, atol=1e-6)
-    assert notes == []
-
-
 def test_source_without_times_says_so(tofmix: Tofmix, tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", IMAGES)
     done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5")
@@ -75,35 +68,6 @@ def test_frame_counter_and_clock_that_restart_together_keep_the_order_of_the_lin
     np.testing.assert_array_equal(ranges, np.tile(IMAGES[:4, :2, :2], (2, 1, 1)))
     np.testing.assert_allclose(times, np.arange(8) * 0.05, atol=1e-9)
     assert any("starts again with the count of frames at frame 4" in note for note in notes)
-
-
-def test_damaged_stamp_leaves_its_frame_in_place(tofmix: Tofmix, tmp_path: Path) -> None:
-    stamps = np.arange(12) / 8
-    stamps[5] = 2.1e18
-    np.savez(tmp_path / "a.npz", range=IMAGES, time=stamps)
-    ranges, times, notes = imported(tofmix, tmp_path / "a.npz")
-    np.testing.assert_array_equal(ranges, IMAGES)
-    np.testing.assert_allclose(times, np.arange(12) / 8)
-    assert "that no clock shows (2.1e+18 s)" in notes[0]
-
-
-def test_unit_of_times_is_asked_for_in_arrays_as_in_tables(tofmix: Tofmix, tmp_path: Path) -> None:
-    np.savez(tmp_path / "a.npz", range=IMAGES, time=20 * np.arange(12))
-    with h5py.File(tmp_path / "a.h5", "w") as root:
-        root["range"], root["time"] = IMAGES, 20 * np.arange(12)
-    for path in (tmp_path / "a.npz", tmp_path / "a.h5"):
-        done = tofmix("import", path, "-o", tmp_path / "b.h5")
-        done.refused(3, "time: no unit, and frames would be 20 s apart; give --time-unit ms")
-        _, times, _ = imported(tofmix, path, "--time-unit", "ms", "--overwrite")
-        np.testing.assert_allclose(times, 0.02 * np.arange(12))
-
-
-def test_dates_of_numpy_are_times(tofmix: Tofmix, tmp_path: Path) -> None:
-    stamps = np.datetime64("2025-02-28T23:59:59", "ms") + 50 * np.arange(12)
-    np.savez(tmp_path / "a.npz", range=IMAGES, time=stamps)
-    _, times, notes = imported(tofmix, tmp_path / "a.npz")
-    np.testing.assert_allclose(times, 0.05 * np.arange(12))
-    assert notes == []
 
 
 RNG = np.random.default_rng(11)
@@ -220,36 +184,6 @@ def test_quiet_hides_how_a_source_is_read_and_keeps_doubts(tofmix: Tofmix, tmp_p
         assert "no camera sees so near" in done.err
 
 
-def test_columns_are_named_as_the_header_writes_them_and_codes_by_either_name(tofmix: Tofmix, tmp_path: Path) -> None:
-    lines = [f"{k},0,{col},{60 + k},{5 if col else 7}" for k in range(5) for col in range(2)]
-    (tmp_path / "a.csv").write_text("\n".join(["Shot,Y,X [px],Depth [cm],Flag (raw)", *lines]))
-    arguments = (
-        "import",
-        tmp_path / "a.csv",
-        "-o",
-        tmp_path / "a.h5",
-        "--overwrite",
-        "--columns",
-        "Shot=frame,Y=row,X [px]=col,Depth [cm]=range,Flag (raw)=status",
-    )
-    for name in ("Flag (raw)", "status", "flag_raw"):
-        tofmix.done(*arguments, "--valid-status", f"{name}=5")
-        values = ranges_of(tmp_path / "a.h5")[:, 0]
-        assert np.isnan(values[:, 0]).all()
-        np.testing.assert_allclose(values[:, 1], 600.0 + 10.0 * np.arange(5))
-
-
-def test_zeros_and_nan_are_counted_without_a_note(tofmix: Tofmix, tmp_path: Path) -> None:
-    values = wall_mm()
-    values[:2, 0, 0], values[:, 3, 4] = 0.0, np.nan
-    np.save(tmp_path / "a.npy", values)
-    done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5", "--units", "mm")
-    assert (done.code, done.err) == (0, "")
-    assert "no samples: 12 NaN, 2 zero\n" in done.out
-    done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "b.h5", "--units", "mm", "--json")
-    assert json.loads(done.out)["dropped"] == {"NaN": 12, "zero": 2}
-
-
 def test_frame_rate_of_a_source_with_times_is_said_to_be_unused(tofmix: Tofmix, tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", depth=wall_mm(), time=np.arange(12) * 0.25)
     done = tofmix.done("import", tmp_path / "a.npz", "-o", tmp_path / "a.h5", "--frame-rate", "30")
@@ -292,13 +226,6 @@ def test_export_and_surfaces_say_that_a_field_of_view_may_be_in_radians(tofmix: 
         done = tofmix.done(*command, "--fov", "0.7x0.5", "--overwrite")
         assert done.err == "tofmix: --fov: 0.7 x 0.5 degrees is narrow; in radians: --fov 40.11x28.65\n"
         assert tofmix(*command, "--fov", "40x30", "--overwrite").err == ""
-
-
-def test_a_field_of_view_of_ranges_along_the_beam_is_said_to_be_of_equal_angles(tofmix: Tofmix, tmp_path: Path) -> None:
-    arguments = ("import", depths(tmp_path), "-o", tmp_path / "o.h5", "--fov", "62x44", "--overwrite")
-    for axis, said in (("ray", "62 x 44 degrees, equal angles"), ("z", "an ideal pinhole of 62 x 44 degrees")):
-        done = tofmix.done(*arguments, "--depth-axis", axis)
-        assert said in done.out
 
 
 def test_a_centre_far_outside_of_the_image_is_said(tofmix: Tofmix, tmp_path: Path) -> None:
@@ -368,12 +295,6 @@ def test_metres_without_units_are_refused_by_every_command(
     assert "attribute units to mm" in done.err
     assert done.err.count("\n") == 1
     assert sorted(tmp_path.iterdir()) == before
-
-
-def test_info_warns_of_metres(tofmix: Tofmix, metres: Path) -> None:
-    done = tofmix.done("info", metres, "--json")
-    warnings = {warning["code"]: warning["text"] for warning in json.loads(done.out)["warnings"]}
-    assert "--units m" in warnings["range_units"]
 
 
 @pytest.mark.slow

@@ -25,7 +25,6 @@ from man_pages import man_pages
 from support.commandline import Tofmix
 from support.files import boards, wall_model, write_recording
 
-from tofmix import __version__
 from tofmix.cli.main import main, unknown_variables
 from tofmix.cli.reporter import Progress
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode
@@ -51,10 +50,6 @@ def test_help_of_each_command_has_examples(tofmix: Tofmix, command: str) -> None
     assert f"Examples:\n    tofmix {command}" in shown.out
     assert "--quiet" in shown.out
     assert max(len(line) for line in shown.out.splitlines()) <= 100
-
-
-def test_version_option_prints_the_version(tofmix: Tofmix) -> None:
-    assert tofmix("--version").out == f"tofmix, version {__version__}\n"
 
 
 def test_help_imports_no_large_library() -> None:
@@ -145,24 +140,6 @@ def test_a_full_stdout_is_a_storage_error_and_a_closed_pipe_no_traceback() -> No
     assert done.stderr == ""
 
 
-@pytest.mark.compiled("a scene of 25,344 pixels in another process")
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
-def test_signal_leaves_no_partial_output(tmp_path: Path, number: signal.Signals) -> None:
-    # 10^6 frames take minutes: the signal comes in the middle.
-    command = [*PROGRAM, "simulate", "three-boards", "--frames", "1000000", "-o", str(tmp_path / "a.h5")]
-    running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        while running.poll() is None and not any(tmp_path.iterdir()):
-            pass
-        running.send_signal(number)
-        _, err = running.communicate(timeout=60)
-    finally:
-        running.kill()
-    assert running.returncode == -number  # a shell shows 128 + the signal's number
-    assert "Traceback" not in err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_full_stderr_keeps_the_exit_code(tmp_path: Path) -> None:
     program = "from tofmix.cli.main import run; run(['info', 'none.h5'])"
     with Path("/dev/full").open("w") as full:
@@ -227,22 +204,6 @@ def test_typed_paper_wins_over_options_of_the_environment_and_typed_options_over
     assert "paper" not in options_of(tmp_path / "sigma.h5")
 
 
-@pytest.mark.parametrize(
-    ("variable", "value", "typed"),
-    [
-        ("FALSE_ALARM", "0.01", ("--refine", "none")),
-        ("BINS", "20", ("--counter", "kde")),
-        ("REFINE", "none", ("--false-alarm", "0.01")),
-    ],
-)
-def test_typed_option_wins_over_one_of_the_environment_that_belongs_to_another(
-    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variable: str, value: str, typed: tuple[str, str]
-) -> None:
-    write_recording(tmp_path / "a.h5", boards(20))
-    monkeypatch.setenv(f"TOFMIX_ESTIMATE_{variable}", value)
-    tofmix.done("estimate", tmp_path / "a.h5", "-o", tmp_path / "out.h5", *typed)
-
-
 def test_variables_of_no_option_are_named_and_those_of_options_are_not() -> None:
     names = ("TOFMIX_ESTIMATE_WORKERS", "TOFMIX_IMPORT_VALID_STATUS", "TOFMIX_READ_TIMEOUT", "PATH", "TOFMIX")
     assert unknown_variables(dict.fromkeys(names, "1")) == {}
@@ -291,23 +252,6 @@ def test_each_long_name_of_an_option_is_a_variable(
         assert done.code == 0, done.err
         with h5py.File(tmp_path / f"{name}.h5") as root:
             assert (root["range"][()] == 2 * WALL).all()
-
-
-def test_typed_lens_wins_over_one_of_the_environment(
-    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    np.save(tmp_path / "a.npy", WALL)
-    arguments = ("import", tmp_path / "a.npy", "--depth-axis", "z", "--overwrite", "-o", tmp_path / "a.h5")
-    lenses = {"INTRINSICS": "40,40,1,0.5", "FOV": "30x20"}
-    for variable, other in (("INTRINSICS", "FOV"), ("FOV", "INTRINSICS")):
-        with monkeypatch.context() as environment:
-            environment.setenv(f"TOFMIX_IMPORT_{variable}", lenses[variable])
-            done = tofmix(*arguments, f"--{other.lower()}", lenses[other])
-        assert done.code == 0, done.err
-        assert ("fx 40 fy 40" in done.out) == (other == "INTRINSICS")
-        assert ("30 x 20 degrees" in done.out) == (other == "FOV")
-    done = tofmix(*arguments, "--fov", lenses["FOV"], "--intrinsics", lenses["INTRINSICS"])
-    done.refused(ExitCode.USAGE, "--intrinsics and --fov both set the lens; give one of them")
 
 
 @pytest.mark.parametrize(
@@ -400,20 +344,6 @@ def _misprinted(command: str, option: click.Option) -> bool:
     text, _, default = (option.help or "").removesuffix("]").partition("  [default: ")
     shown = str(option.default) if option.show_default else default
     return not (text and rows and rows[0].endswith(f"| {text} |") and f"| {shown} |" in rows[0])
-
-
-def test_page_has_bounds_defaults_examples_and_exit_codes_in_words() -> None:
-    page = cli_page.reference()
-    assert "| `--window` | integer, at least 1 | all | Frames of one estimate. |" in page
-    assert "| `--sigma` | tied\\|prior\\|free | prior |" in page
-    assert "| `--memory` | SIZE | 1GB |" in page
-    page = cli_page.reference()
-    for command in main.commands.values():
-        assert command.epilog
-        for line in command.epilog.splitlines()[2:]:
-            assert f"\n{line.strip()}\n" in page
-    for code, text in EXIT_CODE_MEANINGS.items():
-        assert f"| {int(code)} | {text} |" in page
 
 
 SCRIPT = Path(__file__).parents[2] / "docs/generators/man_pages.py"
@@ -661,12 +591,6 @@ def test_progress_bar_moves_on_a_terminal_without_a_width(terminal: tuple[int, i
     assert max(len(line) for line in shown.split("\r")) <= 80
 
 
-@pytest.mark.slow
-def test_quiet_shows_no_bar(terminal: tuple[int, int], tmp_path: Path) -> None:
-    (tmp_path / "m.toml").write_text(MODEL)
-    assert _shown(terminal, "simulate", tmp_path / "m.toml", "-o", tmp_path / "a.h5", "--quiet") == ""
-
-
 def test_quiet_keeps_results_and_warnings_and_drops_notes(tofmix: Tofmix, tmp_path: Path) -> None:
     recording = write_recording(tmp_path / "a.h5", boards(45))
     loud = tofmix("estimate", recording, "--window", 20)
@@ -675,18 +599,6 @@ def test_quiet_keeps_results_and_warnings_and_drops_notes(tofmix: Tofmix, tmp_pa
     assert quiet.out == loud.out
     assert "blocks from the interrupted run" not in quiet.err
     assert "5 frames after the last whole window left out" in quiet.err
-
-
-@pytest.mark.slow
-def test_quiet_drops_notes_of_verify_and_names_of_pages_with_json(tofmix: Tofmix, tmp_path: Path) -> None:
-    recording = write_recording(tmp_path / "a.h5", boards(20), noise=None)
-    assert "no noise curve" in tofmix("verify", recording).err
-    assert tofmix("verify", recording, "--quiet").err == ""
-    tofmix.done("estimate", recording, "-q")
-    layers, figure = tmp_path / "a.layers.h5", tmp_path / "a.svg"
-    arguments = ("inspect", layers, "--pixel", "0,0", "-o", figure, "--json", "--overwrite")
-    assert tofmix(*arguments).err == f"figure: {figure}\n"
-    assert tofmix(*arguments, "--quiet").err == ""
 
 
 @pytest.mark.parametrize("command", ["simulate", "estimate", "import", "surfaces", "merge"])
@@ -715,11 +627,6 @@ def test_each_writing_command_describes_its_output_in_json(tofmix: Tofmix, tmp_p
     assert points == {"output": str(tmp_path / "a.csv"), "points": 24, "windows": 1}
     map_of = json.loads(tofmix("map", layers, "-o", tmp_path / "a.yaml", "--json").out)
     assert map_of["map"]["path"] == str(tmp_path / "a.yaml")
-
-
-def test_json_without_an_output_is_refused(tofmix: Tofmix) -> None:
-    for option in ("--explain", "--print-model"):
-        assert tofmix("simulate", "corridor", option, "--json").code == ExitCode.USAGE
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

@@ -123,16 +123,6 @@ def test_map_refuses_options_and_files_with_their_exit_code(tofmix: Tofmix, laye
     assert (tmp_path / "old.pgm").read_text() == "old"
 
 
-def test_an_input_is_never_replaced(tofmix: Tofmix, tmp_path: Path) -> None:
-    recording = write_recording(tmp_path / "a.h5", boards(20), attributes=SEES)
-    tofmix.done("estimate", recording)
-    (tmp_path / "a.layers.h5").rename(tmp_path / "layers.npz")
-    before = (tmp_path / "layers.npz").read_bytes()
-    shown = tofmix("map", tmp_path / "layers.npz", "--voxels", tmp_path / "layers.npz", "--overwrite")
-    assert shown.code == ExitCode.USAGE
-    assert (tmp_path / "layers.npz").read_bytes() == before
-
-
 FOV = {"fov_horizontal_deg": 40.0, "fov_vertical_deg": 30.0}
 
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import xarray
 from support.commandline import Tofmix
-from support.files import boards, write_recording
 from support.learnt_noises import ALL, SIGMA_MM, Made, made, write_files
 from support.noise_parts import model_text, shape_keys, skewed
 
@@ -62,15 +61,6 @@ def test_recording_has_the_parts_under_the_names_of_the_contract(recording: Path
         assert opened["noise_background"].shape == (8, 12)
 
 
-def test_one_background_of_all_pixels_is_written_as_a_map(tofmix: Tofmix, tmp_path: Path) -> None:
-    (tmp_path / "model.toml").write_text(model_text("background = 0.05"))
-    tofmix.done("simulate", tmp_path / "model.toml", "-o", tmp_path / "a.h5")
-    with h5py.File(tmp_path / "a.h5") as root:
-        np.testing.assert_array_equal(root["sensor/noise_background"], np.full((8, 12), 0.05))
-        assert "noise_shape_z" not in root["sensor"]
-        assert "noise_width_spread" not in root["sensor"].attrs
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not CONTRACT.exists(), reason="the shared contract checker is not beside this checkout")
 def test_files_with_noise_parts_pass_the_format_checker(recording: Path, layers: Path) -> None:
@@ -99,14 +89,6 @@ def test_info_prints_the_noise_parts_and_verify_passes(tofmix: Tofmix, recording
         assert len(camera["noise_shape_z"]) == len(camera["noise_shape_density"]) == 121
         tofmix.done("verify", path)
         assert "noise_width_spread" in tofmix("info", path).out
-
-
-def test_import_of_a_recording_keeps_the_parts(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
-    tofmix.done("import", recording, "-o", tmp_path / "again.h5", "--dataset", "range")
-    with open_recording(recording) as given, open_recording(tmp_path / "again.h5") as made:
-        assert given.sensor.noise is not None
-        assert made.sensor.noise is not None
-        assert made.sensor.noise.same_as(given.sensor.noise)
 
 
 def test_import_takes_the_parts_from_a_camera_file(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
@@ -183,21 +165,6 @@ def test_reconcile_refuses_a_background_with_a_memory(tofmix: Tofmix, recording:
     said = tofmix("reconcile", path, recording, "-o", tmp_path / "gap")
     said.refused(ExitCode.BAD_INPUT, "no prediction for a background of 10 % beside temporal_correlation of 0.5")
     assert not (tmp_path / "gap").exists()
-
-
-def test_models_of_cameras_with_different_noise_are_refused(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
-    (tmp_path / "other.toml").write_text(model_text(PARTS))
-    said = tofmix(
-        "reconcile",
-        tmp_path / "model.toml",
-        recording,
-        "-o",
-        tmp_path / "gap",
-        "--also",
-        tmp_path / "other.toml",
-        recording,
-    )
-    said.refused(ExitCode.BAD_INPUT, "the noise curves differ")
 
 
 FRAMES, IMAGE = 80, (4, 6)
@@ -296,16 +263,3 @@ def test_inspect_prints_and_draws_the_mixture(
     assert own["drift_mm"][0] == pytest.approx(extent[row, col], rel=0.2)
     without = tofmix.done("inspect", layers, "--pixel", "0,0", "--json", "-o", tmp_path / "layers.png")
     assert json.loads(without.out)["pixels"][0]["learnt_noise"]["drift_mm"] is None
-
-
-def test_report_omits_learnt_noise_of_a_gaussian_curve(tofmix: Tofmix, tmp_path: Path) -> None:
-    recording = write_recording(tmp_path / "a.h5", boards(30))
-    layers = tmp_path / "a.layers.h5"
-    tofmix.done("estimate", recording, "--noise", "file")
-    assert "noise" not in json.loads(tofmix("info", layers, "--json").out)
-    assert "\nnoise\n" not in tofmix("info", layers).out
-    assert json.loads(tofmix("report", layers, "--json").out)["noise"] is None
-    said = tofmix("inspect", layers, "--pixel", "1,1", "--recording", recording)
-    assert "noise of the pixel" not in said.out
-    pixels = json.loads(tofmix("inspect", layers, "--pixel", "1,1", "--json").out)["pixels"]
-    assert all("learnt_noise" not in pixel for pixel in pixels)

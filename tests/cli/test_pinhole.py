@@ -2,16 +2,13 @@
 
 import csv
 import json
-import math
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from support import lens
-from support.bags import DEPTH, INFO, new_bag
 from support.commandline import Tofmix
 from support.files import boards, write_recording
 
@@ -156,52 +153,6 @@ def test_impossible_optics_are_noted_and_refused_where_needed(
         assert refused.err.startswith(f"tofmix: {layers}: ")
         assert text in refused.err
         assert refused.err.count("\n") == 1
-
-
-SHAPE = (144, 176)
-LENS: dict[str, Any] = {
-    "fx": 88.0 / math.tan(math.radians(35.0)),
-    "fy": 72.0 / math.tan(math.radians(27.5)),
-    "cx": 87.5,
-    "cy": 71.5,
-}
-"""70 x 55 degrees over 176 x 144 pixels, before the lens bends them."""
-
-K1 = (-0.1, 0.0, 0.0, 0.0, 0.0)
-NORMAL, OFFSET_MM = np.array([0.28, -0.1, 0.954775]) / np.linalg.norm([0.28, -0.1, 0.954775]), 2000.0
-"""A wall at 2 m, turned by 17 degrees, so that no error of a direction hides in it."""
-
-
-def wall(normal: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Depth along z (row, col) of the wall normal . x = 2 m, in metres: by the lens of `tests/support/lens.py`."""
-    row, col = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float64)
-    beam, _ = lens.beams(row, col, **LENS, distortion=K1)
-    metres: NDArray[np.float32] = (OFFSET_MM / 1000 / (beam @ normal) * beam[..., 2]).astype(np.float32)
-    return metres
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("normal", [np.array([0.0, 0.0, 1.0]), NORMAL], ids=["square", "slanted"])
-def test_exported_points_of_a_wall_lie_on_its_plane(tofmix: Tofmix, tmp_path: Path, normal: NDArray[Any]) -> None:
-    with new_bag(tmp_path, "mcap") as (bag, path):
-        bag.info(INFO, SHAPE, tuple(LENS.values()), distortion=K1)
-        for number in range(20):
-            bag.image(DEPTH, wall(normal), stamp_ns=(1 + number) * 10**9)
-    done = tofmix.done("import", path, "-o", tmp_path / "wall.h5")
-    assert done.err == ""
-    assert (
-        "depths along z converted to ranges by pinhole fx 125.677 fy 138.311 cx 87.5 cy 71.5 distortion -0.1 0 0 0 0"
-        in done.out
-    )
-    with h5py.File(tmp_path / "wall.h5") as file:
-        assert file["range"].dtype == np.float32
-    tofmix.done("estimate", tmp_path / "wall.h5", "--noise", "sr4000")
-    tofmix.done("export", tmp_path / "wall.layers.h5", "-o", tmp_path / "wall.csv")
-    with (tmp_path / "wall.csv").open() as file:
-        points = np.array([[float(line[axis]) for axis in "xyz"] for line in csv.DictReader(file)])
-    off_mm = np.abs(1000 * points @ normal - OFFSET_MM)
-    assert len(points) == SHAPE[0] * SHAPE[1]
-    assert off_mm.max() < 0.01
 
 
 ROS = """\

@@ -431,13 +431,6 @@ def test_json_is_one_object_a_line(tofmix: Tofmix) -> None:
     assert json.loads(tofmix("sensors", "l515", "--json").out) == by_name["l515"]
 
 
-def test_one_camera_is_printed_with_its_sources(tofmix: Tofmix) -> None:
-    done = tofmix.done("sensors", "tmf8828")
-    assert "DS000693" in done.out
-    assert "not known" in done.out
-    assert tofmix("info", "tmf8828").out == done.out
-
-
 def test_printed_camera_file_is_accepted_by_import(tofmix: Tofmix, tmp_path: Path) -> None:
     text = tofmix("sensors", "vl53l5cx", "--toml").out
     (tmp_path / "mine.toml").write_text(text.replace('"VL53L5CX"', '"mine"'))
@@ -447,13 +440,6 @@ def test_printed_camera_file_is_accepted_by_import(tofmix: Tofmix, tmp_path: Pat
         assert root["sensor"].attrs["name"] == "mine"
         assert root["sensor"].attrs["fov_horizontal_deg"] == 45.0
         assert np.isnan(root["sensor"].attrs["integration_time_ms"])
-
-
-def test_a_file_with_one_key_is_a_camera_for_import(tofmix: Tofmix, tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text("[sensor]\nrange_max_mm = 6000.0\n")
-    np.save(tmp_path / "a.npy", np.full((3, 8, 8), 1000, "u2"))
-    done = tofmix.done("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5", "--sensor", tmp_path / "mine.toml")
-    assert "largest range" not in done.out
 
 
 def test_unknown_sensors_are_refused_with_their_exit_code(tofmix: Tofmix, tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """`tofmix surfaces`: from layers to a file, and what the other commands make of that file."""
 
 import json
-import os
 import re
 import subprocess
 import sys
@@ -13,7 +12,7 @@ import plyfile
 import pytest
 from support import naive_png
 from support.commandline import Estimated, Tofmix
-from support.files import boards, write_recording
+from support.files import boards
 from support.planes_found import board_and_wall, nothing_found, write_surfaces
 
 from tofmix.errors import ExitCode
@@ -77,15 +76,6 @@ def test_edge_between_two_boards_is_found_at_its_true_place(tofmix: Tofmix, laye
     assert np.nanmin(fine[:, 9 * 4 :]) > 2500
 
 
-@pytest.mark.slow
-def test_a_wall_has_no_edges(tofmix: Tofmix, tmp_path: Path) -> None:
-    samples = np.random.default_rng(1).normal(2000.0, 10.0, (40, 6, 8))
-    write_recording(tmp_path / "wall.h5", samples, attributes=FOV)
-    tofmix.done("estimate", tmp_path / "wall.h5")
-    shown = tofmix.done("surfaces", tmp_path / "wall.layers.h5")
-    assert "0 edge lines of 0 points, range image 48 x 64" in shown.out
-
-
 def test_surfaces_has_json_and_repeatable_bytes(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     for name in ("a", "b"):
         shown = tofmix.done("surfaces", layers, "-o", tmp_path / name, "--factor", 3, "--json", "--quiet")
@@ -96,31 +86,6 @@ def test_surfaces_has_json_and_repeatable_bytes(tofmix: Tofmix, layers: Path, tm
         assert said["edge_points"] >= said["edge_lines"] > 0
         assert 0 < said["edge_stderr_median"] < 1
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
-
-
-def test_existing_surfaces_file_is_replaced_only_with_overwrite(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
-    out = tmp_path / "a.surfaces.h5"
-    out.write_text("mine")
-    tofmix("surfaces", layers).refused(ExitCode.USAGE, "--overwrite")
-    assert out.read_text() == "mine"
-    assert tofmix("surfaces", layers, "-o", layers, "--overwrite").code == ExitCode.USAGE
-    tofmix.done("surfaces", layers, "--overwrite")
-    assert verify(out).ok
-
-
-def test_layers_without_pixel_directions_are_refused(tofmix: Tofmix, tmp_path: Path) -> None:
-    recording = write_recording(tmp_path / "blind.h5", boards(20))
-    tofmix.done("estimate", recording)
-    refused = tofmix("surfaces", tmp_path / "blind.layers.h5")
-    assert refused.code == ExitCode.BAD_INPUT
-    assert refused.err.count("\n") == 1
-    for text in (
-        "blind.layers.h5: the directions of its pixels are not known; give them with --fov HxV, or import",
-        "--fov HxV",
-        "estimate again",
-    ):
-        assert text in refused.err
-    assert not (tmp_path / "blind.surfaces.h5").exists()
 
 
 def test_surfaces_refuses_files_and_outputs_with_their_exit_code(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
@@ -148,14 +113,6 @@ def test_search_error_exits_with_3_and_leaves_no_file(
     assert refused.code == ExitCode.BAD_INPUT
     assert refused.err == f"tofmix: {layers}: window 0: fx: no beam passes\n"
     assert not (tmp_path / "a.surfaces.h5").exists()
-
-
-@pytest.mark.slow
-def test_the_default_name_is_that_of_the_layers(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
-    for name, expected in (("b.layers.h5", "b.surfaces.h5"), ("c.d.h5", "c.d.surfaces.h5"), ("e", "e.surfaces.h5")):
-        os.link(layers, tmp_path / name)
-        tofmix.done("surfaces", tmp_path / name, "--factor", 2)
-        assert (tmp_path / expected).exists()
 
 
 @pytest.mark.parametrize("command", ["report", "map", "surfaces", "inspect", "compare", "estimate"])
@@ -206,16 +163,6 @@ def test_smooth_surface_is_left_out_of_planes_and_verify_wants_both_nan(tofmix: 
     assert "1 surface with 1 polygon; 1 smooth surface left out: no plane" in shown.out
     assert len(json.loads(path.with_name("a.json").read_text())["surfaces"]) == 1
     assert json.loads(tofmix("info", path, "--json").out)["found"]["smooth_surfaces"] == 1
-
-
-def test_verify_finds_faults_of_a_surfaces_file(tofmix: Tofmix, path: Path) -> None:
-    shown = tofmix.done("verify", path)
-    assert shown.out == f"{path}: surfaces, 13 datasets read; no fault\n"
-    with h5py.File(path, "r+") as root:
-        root["n_pixels"][0] += 1
-    shown = tofmix("verify", path)
-    assert shown.code == ExitCode.BAD_INPUT
-    assert "n_pixels: broken: the layers that are of the surface (surface_index 0)" in shown.out
 
 
 @pytest.mark.parametrize(
@@ -283,15 +230,6 @@ def test_impossible_exports_are_refused(tofmix: Tofmix, three: Path, layers: Pat
     ):
         tofmix("export", *arguments).refused(code, text)
     assert sorted(tmp_path.iterdir()) == before
-
-
-def test_planes_need_the_extra(tofmix: Tofmix, path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "shapely", None)
-    refused = tofmix("export", path, "-o", tmp_path / "a.obj", "--what", "planes")
-    assert refused.code == ExitCode.USAGE
-    assert refused.err == "tofmix: the outline of a surface needs shapely: pip install 'tofmix[export]'\n"
-    assert not (tmp_path / "a.obj").exists()
-    tofmix.done("export", path, "-o", tmp_path / "a.obj")
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from tofmix.compiled import kept, watching
 from tofmix.compiled.jit import jit
 from tofmix.compiled.kept import CANNOT_KEEP, SUFFIX
 from tofmix.compiled.vector import exp_minus, log_of, moments_of, product_of, sums_of, total_of
-from tofmix.compiled.watching import FIRST_RUN, Unwatched, watched, watcher
+from tofmix.compiled.watching import FIRST_RUN, watcher
 
 PROGRAM = """
 from tofmix.estimation.peaks.modes import density
@@ -106,22 +106,6 @@ def test_a_second_run_compiles_nothing_where_only_a_temporary_folder_can_be_writ
 
 @pytest.mark.compiled("there is nothing to keep")
 @pytest.mark.slow
-def test_code_is_read_from_a_later_folder_and_written_to_the_first(tmp_path: Path) -> None:
-    _copied_package(tmp_path)
-    environment = _environment(tmp_path)
-    _run(PROGRAM, environment)  # beside the package
-    chosen = tmp_path / "chosen"
-    assert _run(PROGRAM, environment | {"NUMBA_CACHE_DIR": str(chosen)})[1] == ""
-    assert not _files(chosen)
-    _run(SCRIPT_IN_FILE.format(tmp_path / "script.py"), environment | {"NUMBA_CACHE_DIR": str(chosen)})
-    assert len(_files(chosen)) == 1
-
-
-SCRIPT_IN_FILE = f"import pathlib, runpy; p = pathlib.Path('{{}}'); p.write_text({SCRIPT!r}); runpy.run_path(str(p))"
-
-
-@pytest.mark.compiled("there is nothing to keep")
-@pytest.mark.slow
 def test_a_damaged_or_foreign_file_is_compiled_again(tmp_path: Path) -> None:
     folder = tmp_path / "cache"
     environment = _environment(Path(tofmix.__file__).parents[1], NUMBA_CACHE_DIR=str(folder), HOME=str(tmp_path))
@@ -144,17 +128,6 @@ def test_where_nothing_can_be_kept_one_line_names_the_variable(tmp_path: Path) -
     assert err.splitlines() == [f"tofmix: {FIRST_RUN}", f"tofmix: {CANNOT_KEEP}"]
     assert "NUMBA_CACHE_DIR" in err
     assert not list(tmp_path.rglob("*"))[1:]  # but the folder of the key
-
-
-@pytest.mark.compiled("there is nothing to keep")
-def test_another_package_that_compiles_first_does_no_harm(tmp_path: Path) -> None:
-    environment = _environment(Path(tofmix.__file__).parents[1], NUMBA_CACHE_DIR=str(tmp_path))
-    told = "from tofmix.compiled.kept import processor_class, V3\nprint(processor_class() == V3)\n"
-    first = "import numba\n@numba.njit\ndef half(x):\n    return 0.5 * x\nhalf(1.0)\n"
-    assert _run(first + SCRIPT + told, environment)[0] == "42\nFalse\n"
-    assert _run(SCRIPT + told, environment)[0].startswith("42\n")
-    after = "import numba\nprint(numba.config.CPU_NAME, numba.config.CPU_FEATURES)\n"
-    assert _run(SCRIPT + after, environment)[0] == "42\nNone None\n"
 
 
 @pytest.mark.compiled("there is nothing to keep")
@@ -190,42 +163,6 @@ def test_without_a_home_or_a_temporary_folder_there_are_the_other_folders(
     monkeypatch.setattr("tempfile.gettempdir", none)
     monkeypatch.setattr("os.path.expanduser", lambda path: path)  # as where the user has no entry
     assert kept._bases() == [tmp_path, kept.PACKAGE.parent / "__pycache__"]
-
-
-@pytest.mark.compiled("there is nothing to keep")
-def test_the_working_folder_is_no_temporary_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("tempfile.gettempdir", lambda: str(tmp_path))
-    monkeypatch.delenv("TMPDIR", raising=False)
-    assert tmp_path not in {folder.parent for folder in kept._bases()}
-
-
-class _Recorder(Unwatched):
-    def __init__(self) -> None:
-        self.events: list[str] = []
-
-    def begins(self, kernel: str) -> None:
-        self.events.append(f"begins {kernel.rpartition('.')[2]}")
-
-    def ends(self, kernel: str) -> None:
-        self.events.append(f"ends {kernel.rpartition('.')[2]}")
-
-
-@pytest.mark.compiled("nothing is compiled")
-def test_a_watcher_is_told_when_a_kernel_is_compiled_and_only_then(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(kept, "_folders", lambda: (tmp_path,))  # an earlier run kept its code
-
-    @jit
-    def thrice(value: float) -> float:
-        return 3 * value
-
-    recorder = _Recorder()
-    with watched(recorder):
-        thrice(1)
-        thrice(2)
-    thrice(1.5)
-    assert recorder.events == ["begins thrice", "ends thrice"]
 
 
 @pytest.mark.compiled("nothing is compiled")

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from support.cameras import camera_of
 from support.sizes import sized
 
 from tofmix.circle import circular_noise, fold
@@ -14,10 +15,10 @@ from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.mixture.em import fit_mixture
 from tofmix.estimation.noise.measurement import measure_noise
-from tofmix.estimation.peaks.counters import COUNTERS, Cpdf, Kde
+from tofmix.estimation.peaks.counters import COUNTERS, Cpdf
 from tofmix.estimation.samples import sort_samples
-from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
-from tofmix.estimation.unrolling import UnrolledSource, unroll, unrolled_pixel
+from tofmix.estimation.settings import EstimateOptions, SigmaMode
+from tofmix.estimation.unrolling import UnrolledSource, unroll
 from tofmix.flags import Status
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.recording import ArrayRecording
@@ -26,12 +27,7 @@ from tofmix.sensor import NoiseCurve, Sensor
 LENGTH = 7495.0
 FLAT = NoiseCurve(np.array([1000.0, LENGTH]), np.array([40.0, 40.0]))
 CAMERA = Sensor(name="flat noise", noise=FLAT)
-RISING = Sensor(
-    name="rising noise",
-    range_min_mm=600.0,
-    range_max_mm=7200.0,
-    noise=NoiseCurve(np.array([500.0, 2000.0, 7500.0]), np.array([6.0, 20.0, 110.0])),
-)
+RISING = camera_of([500.0, 2000.0, 7500.0], [6.0, 20.0, 110.0], reach_mm=(600.0, 7200.0))
 ON_CIRCLE = EstimateOptions(unambiguous_range_mm=LENGTH)
 
 
@@ -114,20 +110,6 @@ def test_every_counter_and_sigma_finds_the_surface_at_the_fold(
     at_fold = np.abs(fold(layers.range[two, :2] + LENGTH / 2, LENGTH) - LENGTH / 2).min(axis=1)
     assert np.sqrt((at_fold**2).mean()) < 12  # the surface lies at -5; its standard error is 5
     assert (np.abs(layers.range[two, :2] - 3000).min(axis=1) < 25).all()
-
-
-def test_with_the_peaks_alone_there_is_one_peak_at_the_fold(rng: np.random.Generator) -> None:
-    readings = fold(_surfaces(rng, [LENGTH], [1.0], 200, sized(30, 10)), LENGTH)
-    layers = layer_pixels(readings, CAMERA, replace(ON_CIRCLE, refine=Refine.NONE, counter=Kde(gamma=0.2)))
-    assert (layers.n_peaks == 1).mean() > 0.9
-
-
-def test_two_surfaces_two_sigma_apart_are_separated_across_the_fold(rng: np.random.Generator) -> None:
-    draws = _surfaces(rng, [-60.0, 60.0], [0.5, 0.5], 200, sized(60, 6))
-    at_fold = layer_pixels(fold(draws, LENGTH), CAMERA, ON_CIRCLE)
-    elsewhere = layer_pixels(fold(draws + 3000.0, LENGTH), CAMERA, ON_CIRCLE)
-    np.testing.assert_array_equal(at_fold.n_modes, elsewhere.n_modes)
-    assert (at_fold.n_modes == 2).mean() > 0.95
 
 
 @pytest.mark.compiled("a frequency over 800 pixels")
@@ -213,13 +195,6 @@ def test_near_surfaces_keep_their_sigma_without_a_surface_at_the_fold(rng: np.ra
     assert (layer_pixels(at_fold, noisy, ON_CIRCLE).n_modes == 1).mean() > 0.95
 
 
-def test_without_room_before_the_fold_there_is_no_c0(rng: np.random.Generator) -> None:
-    camera = replace(CAMERA, range_max_mm=7450.0)
-    layers = layer_pixels(fold(_surfaces(rng, [7450.0], [1.0], 60, 10), LENGTH), camera, ON_CIRCLE)
-    assert (layers.n_modes == 1).all()
-    assert (layers.weight_no_return == 0).all()
-
-
 def test_one_pixel_is_fitted_from_given_means(rng: np.random.Generator) -> None:
     readings = fold(_surfaces(rng, [LENGTH + 15.0, 3000.0], [0.6, 0.4], 300, 1)[:, 0], LENGTH)
     fit = fit_mixture(readings, [7480.0, 3050.0], CAMERA, ON_CIRCLE)
@@ -227,17 +202,6 @@ def test_one_pixel_is_fitted_from_given_means(rng: np.random.Generator) -> None:
     assert fit.mean_mm[0] == pytest.approx(15, abs=12)
     assert fit.mean_mm[1] == pytest.approx(3000, abs=15)
     assert fit.weight[0] == pytest.approx(0.6, abs=0.1)
-
-
-def test_unrolling_moves_starting_means_and_leaves_an_empty_pixel_empty() -> None:
-    samples, start, beam = unrolled_pixel(np.array([7480.0, 30.0, 20.0]), np.array([7490.0, 10.0]), CAMERA, LENGTH)
-    np.testing.assert_array_equal(beam.curve_sigma, beam_of(CAMERA, LENGTH).curve_sigma)
-    assert samples.tolist() == [7480.0, 20 + LENGTH, 30 + LENGTH]
-    assert start.tolist() == [7490.0, 10 + LENGTH]
-    empty = ArrayRecording(np.full((5, 1, 2), np.nan), CAMERA)
-    assert np.isnan(UnrolledSource(empty, LENGTH).read_range(slice(0, 5), slice(0, 1))).all()
-    layers = layer_pixels(np.full((5, 2), np.nan), CAMERA, ON_CIRCLE)
-    assert (layers.status == Status.TOO_FEW_SAMPLES).all()
 
 
 def test_noise_is_measured_across_the_fold(rng: np.random.Generator) -> None:

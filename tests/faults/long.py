@@ -1,13 +1,12 @@
 """The long run: every kind of fault, load and property, with counts.
 
-Usage: python -m faults.long --output FOLDER [--only STAGE,...] [--mutants 5000] [--guided 600] [--processes 2], with
+Usage: python -m faults.long --output FOLDER [--only STAGE,...] [--mutants 5000] [--processes 2], with
 `tests` and the package on PYTHONPATH. It can be stopped and started again: what is done is kept in FOLDER. It
 prints what it finds as it goes, and at the end the tables of all that has been run; it leaves with 1 if there are
 faults. What tries nothing, or cannot be run here, is a fault.
 """
 
 import argparse
-import importlib.util
 import json
 import os
 import random
@@ -245,30 +244,12 @@ def _properties(run: Run) -> Done:
     return f"- {said}; {done.stdout.splitlines()[-1]}", passing
 
 
-@_stage
-def _guided(run: Run) -> Done:
-    """Coverage-guided fuzzing of the readers."""
-    seconds = run.options.guided
-    if importlib.util.find_spec("atheris") is None:
-        return "- not run: atheris is not installed (`pip install atheris`)", 0
-    command = [sys.executable, "-m", "faults.guided", str(seconds), str(run.folder / "guided")]
-    done = subprocess.run(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, check=False)
-    (run.folder / "guided.log").write_text(done.stderr)
-    if done.returncode:
-        run.report(f"guided: {done.stderr[-2000:]}")
-    inputs = sum(map(int, re.findall(r"^Done (\d+) runs", done.stderr, re.MULTILINE)))
-    reached = max([0, *map(int, re.findall(r"^#\d+.* cov: (\d+)", done.stderr, re.MULTILINE))])
-    broke = int(bool(done.returncode))
-    return f"- {seconds} s: {inputs} inputs, {reached} edges of code; inputs that broke a reader: {broke}", inputs
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--output", type=Path, required=True)
     parser.add_argument("--only", default=",".join(STAGES))
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--mutants", type=int, default=5000)
-    parser.add_argument("--guided", type=int, default=600, metavar="SECONDS")
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--changes", type=int, default=120)
     parser.add_argument("--soak", type=int, default=1000)

@@ -66,16 +66,6 @@ def test_second_run_is_refused_at_once_and_the_first_continues(tmp_path: Path) -
     assert names(tmp_path) == ["other.h5", "out.h5"]
 
 
-def test_temporary_file_of_killed_run_is_removed(tmp_path: Path) -> None:
-    with another_run(tmp_path / "out.h5") as first:
-        first.send_signal(signal.SIGKILL)
-        first.wait()
-    (stray,) = tmp_path.iterdir()
-    assert stray.read_text() == "half"
-    write_text(tmp_path / "other.h5", "other", overwrite=False)
-    assert names(tmp_path) == ["other.h5"]
-
-
 def test_temporary_file_of_killed_run_does_not_block_the_output(tmp_path: Path) -> None:
     path = tmp_path / "out.h5"
     locks.clear_folder(tmp_path)  # once a process: what dies there later stays
@@ -126,15 +116,6 @@ def test_disk_without_locks_refuses_no_run(tmp_path: Path, monkeypatch: pytest.M
         second.commit()
     assert path.read_text() == "second"
     assert names(tmp_path) == ["a"]
-
-
-def test_a_lock_that_fails_is_a_storage_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object) -> None:
-        raise OSError(errno.EIO, "Input/output error")
-
-    monkeypatch.setattr(fcntl, "flock", fail)
-    with pytest.raises(StorageError, match="a: Input/output error"):
-        write_text(tmp_path / "a", "x", overwrite=True)
 
 
 def test_a_lock_passes_to_the_writer(tmp_path: Path) -> None:
@@ -188,3 +169,13 @@ def test_output_with_a_missing_temporary_file_gets_no_name(tmp_path: Path) -> No
             file.commit()
     assert names(tmp_path) == [temporary.name]
     assert temporary.read_text() == "another's"
+
+
+def test_temporary_file_of_killed_run_is_removed(tmp_path: Path) -> None:
+    with another_run(tmp_path / "out.h5") as first:
+        first.send_signal(signal.SIGKILL)
+        first.wait()
+    (stray,) = tmp_path.iterdir()
+    assert stray.read_text() == "half"
+    write_text(tmp_path / "other.h5", "other", overwrite=False)
+    assert names(tmp_path) == ["other.h5"]

@@ -49,13 +49,6 @@ def test_a_map_reads_back_cell_by_cell(tmp_path: Path) -> None:
     assert about["mode"] == "trinary"
 
 
-def test_the_image_has_its_far_left_corner_first(tmp_path: Path) -> None:
-    cells = np.full((3, 2), State.UNKNOWN, dtype=np.uint8)
-    cells[0, 1] = State.OCCUPIED  # least x, greatest y
-    write(tmp_path / "a.yaml", FloorMap(cells=cells, cell_mm=100.0, origin_mm=(0.0, 0.0)))
-    assert (tmp_path / "a.pgm").read_bytes() == b"P5\n3 2\n255\n" + bytes([0, 205, 205, 205, 205, 205])
-
-
 def test_special_characters_and_names_of_images_are_held_or_refused(tmp_path: Path) -> None:
     flat = FloorMap(cells=np.zeros((1, 1), dtype=np.uint8), cell_mm=33.3, origin_mm=(0.0, -0.0))
     name = 'no: "1" # é.yaml'

@@ -59,12 +59,6 @@ def test_16_bit_counts_have_the_same_fills_in_any_type_and_unit(dtype: str, unit
     assert sum(found.dropped.values()) == 3
 
 
-@pytest.mark.parametrize("dtype", ["i4", "f8"])
-def test_numbers_of_more_than_16_bits_are_no_16_bit_counts(dtype: str) -> None:
-    micrometres = np.array([812_345, 65535, 32768]).astype(dtype)
-    assert not no_sample(micrometres, unit_mm=0.001).bad.any()
-
-
 @pytest.mark.parametrize("dtype", ["f2", "f4", "f8"])
 def test_fill_value_in_metres_is_known_in_the_precision_of_its_type(dtype: str) -> None:
     metres = (np.array([1234, 65535, 32768]) / 1000).astype(dtype)

@@ -19,7 +19,6 @@ from tofmix.io.model_file import load_model, load_model_text
 from tofmix.io.recording.recording_file import open_recording
 from tofmix.io.sensor_group import read_sensor, write_sensor
 from tofmix.noise_shape import BackgroundDensity, LearntNoise
-from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.pinhole import Pinhole
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.sensor_schema import Measurement
@@ -60,15 +59,6 @@ def test_foreign_cameras_are_read_or_refused_by_name(tmp_path: Path) -> None:
     camera = Sensor(name="camera", range_step_mm=np.ones((3, 5)))
     with pytest.raises(BadInputError, match="range_step_mm: shape"):
         sensor_group.check_maps(camera, (4, 6), Path("x.h5"))
-
-
-@pytest.mark.parametrize("attributes", [{}, {"projection": "equiangular"}])
-def test_field_of_view_sets_the_directions_without_a_projection(tmp_path: Path, attributes: dict[str, Any]) -> None:
-    fov = {"fov_horizontal_deg": 47.0, "fov_vertical_deg": 39.0}
-    path = write_recording(tmp_path / "x.h5", boards(), attributes=attributes | fov)
-    assert read(path).optics == Equiangular(fov_horizontal_deg=47.0, fov_vertical_deg=39.0)
-    path = write_recording(tmp_path / "y.h5", boards(), attributes=attributes)
-    assert read(path).optics is None
 
 
 @pytest.mark.parametrize(
@@ -225,16 +215,6 @@ def test_damaged_learnt_noise_is_refused_with_file_and_dataset(
     assert str(refused.value).startswith(f"{path}: sensor")
 
 
-@pytest.mark.parametrize("name", sorted(set(UNITS) - {"noise_background_prior"}))
-def test_words_in_place_of_numbers_are_refused(tmp_path: Path, name: str) -> None:
-    path = _written(tmp_path / "a.h5")
-    with h5py.File(path, "r+") as root:
-        del root["sensor"][name]
-        root["sensor"][name] = "many"
-    with pytest.raises(BadInputError, match="sensor"):
-        _read(path)
-
-
 DENSITY = BackgroundDensity(np.array([300.0, 900.0, 6000.0]), np.array([3.0, 2.0, 0.01]))
 WITH_DENSITY = replace(FULL, noise=replace(FULL.noise, background_density=DENSITY))  # type: ignore[type-var]
 
@@ -282,13 +262,6 @@ def test_models_are_found_by_name_or_file(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.chdir(tmp_path)
     Path("corridor").write_text("mine")
     assert load_model_text("corridor") == "mine"
-
-
-def test_broken_toml_names_file_and_line(tmp_path: Path) -> None:
-    path = tmp_path / "m.toml"
-    path.write_text('[sensor]\nprofile = "sr3000"\nrows = = 3\n')
-    with pytest.raises(BadInputError, match=r"m\.toml.*line 3"):
-        load_model(str(path))
 
 
 SMALL = """

@@ -14,11 +14,9 @@ import numpy as np
 import plyfile
 import pytest
 import shapely
-import tifffile
 import xarray
 from numpy.typing import NDArray
 from pypcd4.pypcd4 import PointCloud
-from support import naive_png
 from support.planes_found import (
     BOARD_MM,
     BOTTOM,
@@ -36,7 +34,7 @@ from support.planes_found import (
     write_surfaces,
 )
 
-from tofmix.errors import BadInputError, StorageError, UsageError
+from tofmix.errors import BadInputError, UsageError
 from tofmix.io.exporters import (
     EDGE_WRITERS,
     OF_LAYERS,
@@ -45,16 +43,14 @@ from tofmix.io.exporters import (
     POINT_WRITERS,
     choose_what,
     export_edges,
-    export_image,
     export_planes,
     export_points,
 )
 from tofmix.io.exporters.edge_lines import edge_lines
-from tofmix.io.exporters.image import RangeImage
-from tofmix.io.exporters.outlines import outlines, trace, triangles
+from tofmix.io.exporters.outlines import outlines, trace
 from tofmix.io.exporters.placing import FIELDS, FinePoints
 from tofmix.io.layers.layers_file import open_layers
-from tofmix.io.surfaces_file import SurfacesFile, SurfacesWriter, open_surfaces
+from tofmix.io.surfaces_file import SurfacesFile, open_surfaces
 from tofmix.io.verify import verify
 from tofmix.surfaces.found import Edges, Planes
 
@@ -158,49 +154,6 @@ def test_the_same_surfaces_give_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
-def test_file_is_replaced_only_with_overwrite_and_the_input_never(path: Path) -> None:
-    before = path.read_bytes()
-    with pytest.raises(UsageError, match="--overwrite"):
-        write_surfaces(path, nothing_found())
-    with pytest.raises(UsageError, match="is the input"):
-        write_surfaces(path, nothing_found(), overwrite=True, inputs=(path,))
-    assert path.read_bytes() == before
-
-
-def test_fault_between_windows_leaves_no_file(tmp_path: Path) -> None:
-    def stop() -> None:
-        with SurfacesWriter(
-            tmp_path / "a.surfaces.h5", shape=(2, ROWS, COLS), max_layers=LAYERS, factor=FACTOR, provenance=provenance()
-        ) as writer:
-            writer.write(board_and_wall())
-            raise ValueError("no more")
-
-    with pytest.raises(ValueError, match="no more"):
-        stop()
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_missing_window_leaves_no_file(tmp_path: Path) -> None:
-    with (
-        pytest.raises(RuntimeError, match="0 windows written of 2"),
-        SurfacesWriter(
-            tmp_path / "a.surfaces.h5", shape=(2, ROWS, COLS), max_layers=LAYERS, factor=FACTOR, provenance=provenance()
-        ),
-    ):
-        pass
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_full_disk_is_a_storage_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.pwrite", fail)
-    with pytest.raises(StorageError, match="No space left"):
-        write_surfaces(tmp_path / "a.surfaces.h5", board_and_wall())
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize(
     ("name", "value", "reason"),
     [
@@ -235,13 +188,6 @@ def test_impossible_factor_is_refused(path: Path, factor: object) -> None:
     with h5py.File(path, "r+") as root:
         root["range_fine"].attrs["factor"] = factor
     with pytest.raises(BadInputError, match="range_fine: attribute factor"), open_surfaces(path):
-        pass
-
-
-def test_another_factor_than_the_images_have_is_refused(path: Path) -> None:
-    with h5py.File(path, "r+") as root:
-        root["range_fine"].attrs["factor"] = 5
-    with pytest.raises(BadInputError, match="range_fine: shape"), open_surfaces(path):
         pass
 
 
@@ -338,16 +284,6 @@ def test_verify_finds_a_surface_in_another_window(tmp_path: Path) -> None:
     assert any("of the surfaces of its window" in line for line in verify(path).lines())
 
 
-def test_verify_finds_a_flipped_bit(path: Path) -> None:
-    with h5py.File(path) as root:
-        chunk = root["range_fine"].id.get_chunk_info(0)
-    data = bytearray(path.read_bytes())
-    data[chunk.byte_offset + chunk.size // 2] ^= 4
-    path.write_bytes(bytes(data))
-    (line,) = verify(path).lines()
-    assert line.startswith("range_fine: ")
-
-
 FOV_DEG = (16.0, 12.0)
 DEPTH_M = (BOARD_MM / 1000, WALL_MM / 1000)
 
@@ -408,19 +344,6 @@ def test_a_line_that_passes_to_another_surface_has_no_gap(tmp_path: Path) -> Non
         (1, 1, -1, 2),
     ]
     assert (pieces[0].row[-1], pieces[0].col[-1]) == (pieces[1].row[0], pieces[1].col[0])
-
-
-def test_a_line_of_one_point_is_a_point(tmp_path: Path) -> None:
-    found = board_and_wall()
-    found.edges.line[-1] = 2
-    with open_surfaces(write_surfaces(tmp_path / "a.surfaces.h5", found)) as file:
-        lines = edge_lines(file, [0])
-    for suffix in EDGE_WRITERS:
-        export_edges(tmp_path / f"a{suffix}", lines, title="a test")
-    shapes = [feature["geometry"]["type"] for feature in json.loads((tmp_path / "a.json").read_text())["features"]]
-    assert shapes == ["LineString", "Point", "Point"]
-    assert [line.split()[0] for line in (tmp_path / "a.obj").read_text().splitlines() if line[0] in "lp"] == list("lpp")
-    assert len(plyfile.PlyData.read(tmp_path / "a.ply")["edge"].data) == 4
 
 
 def test_edges_as_obj_lie_on_the_plane_of_the_nearer_surface(file: SurfacesFile, tmp_path: Path) -> None:
@@ -498,18 +421,6 @@ def test_smooth_surface_is_no_plane_and_its_edges_lie_on_its_fine_ranges(tmp_pat
     assert verify(tmp_path / "a.surfaces.h5").ok
 
 
-def test_lines_of_several_windows_are_numbered_as_in_the_file(three_export: SurfacesFile, tmp_path: Path) -> None:
-    export_edges(tmp_path / "a.json", edge_lines(three_export, range(3)), title="a test")
-    properties = [feature["properties"] for feature in json.loads((tmp_path / "a.json").read_text())["features"]]
-    assert [(p["window"], p["line"], p["near"], p["far"]) for p in properties] == [
-        (0, 0, 0, 1),
-        (0, 1, 1, -1),
-        (2, 2, 2, 3),
-        (2, 3, 3, -1),
-    ]
-    assert [line.line for line in edge_lines(three_export, [2])] == [2, 3]
-
-
 @pytest.mark.parametrize("suffix", OF_SURFACES["points"])
 def test_fine_image_is_exported_as_points(three_export: SurfacesFile, tmp_path: Path, suffix: str) -> None:
     out = tmp_path / f"a{suffix}"
@@ -549,29 +460,6 @@ def points_read(path: Path) -> dict[str, NDArray[Any]]:
         return {name: cloud.pc_data[name] for name in names}
     vertices = plyfile.PlyData.read(path)["vertex"]
     return {name: np.asarray(vertices[name]) for name in names}
-
-
-def test_points_come_in_blocks_of_rows_that_make_no_difference(
-    file: SurfacesFile, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (whole,) = list(FinePoints(file, [0]))
-    monkeypatch.setattr("tofmix.io.exporters.placing.BLOCK_PLACES", 5 * COLS * FACTOR)
-    blocks = list(FinePoints(file, [0]))
-    assert len(blocks) == len(FinePoints(file, [0])) == 5
-    np.testing.assert_array_equal(np.concatenate(blocks), whole)
-
-
-def test_fine_image_is_exported_as_16_bit_counts(file: SurfacesFile, tmp_path: Path) -> None:
-    range_mm = file.read_image("range_fine", 0)
-    image = RangeImage(range_mm=range_mm, scale_mm=0.1, title="a test", none="no return")
-    for suffix in (".png", ".tif"):
-        export_image(tmp_path / f"a{suffix}", image)
-    expected = np.where(np.isfinite(range_mm), np.rint(range_mm.astype("f8") / 0.1), 0)
-    assert expected.max() > 25_000
-    counts, texts = naive_png.decode((tmp_path / "a.png").read_bytes())
-    np.testing.assert_array_equal(counts, expected)
-    assert "0 = no return" in str(texts)
-    np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tif"), expected)
 
 
 def test_outlines_hold_the_parts_and_holes_of_each_surface() -> None:
@@ -656,17 +544,6 @@ def area_in_space(ring: shapely.LinearRing, depth_m: float) -> float:
     return float(shapely.Polygon(seen_from(row, col, depth_m)[:, :2]).area)
 
 
-def test_triangles_of_a_polygon_have_its_corners_and_its_area() -> None:
-    polygon = shapely.Polygon([(0, 0), (8, 0), (8, 6), (3, 4), (0, 6)], [[(2, 1), (2, 2), (4, 2), (4, 1)]])
-    vertices, faces = triangles(polygon)
-    corners = shapely.get_coordinates(polygon)
-    assert {tuple(vertex) for vertex in vertices.tolist()} == {tuple(corner) for corner in corners.tolist()}
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    assert (doubled < 0).all()
-    assert -doubled.sum() / 2 == pytest.approx(polygon.area)
-
-
 def test_a_surface_that_is_nowhere_the_nearest_is_listed_without_polygons(tmp_path: Path) -> None:
     found = board_and_wall()
     found.surface_fine[found.surface_fine == 0] = 1
@@ -676,20 +553,6 @@ def test_a_surface_that_is_nowhere_the_nearest_is_listed_without_polygons(tmp_pa
     board, wall = json.loads((tmp_path / "a.json").read_text())["surfaces"]
     assert board["polygons"] == []
     assert len(wall["polygons"]) == 1
-
-
-@pytest.mark.parametrize(
-    "suffix", [*(f"edges{end}" for end in EDGE_WRITERS), *(f"planes{end}" for end in PLANE_WRITERS)]
-)
-def test_the_same_surfaces_give_the_same_bytes_export(three_export: SurfacesFile, tmp_path: Path, suffix: str) -> None:
-    kind, end = suffix.split(".")
-    paths = [tmp_path / f"{name}.{end}" for name in "ab"]
-    for path in paths:
-        if kind == "edges":
-            export_edges(path, edge_lines(three_export, range(3)), title="a test")
-        else:
-            export_planes(path, three_export, outlines(three_export, range(3)), title="a test")
-    assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
 def test_file_without_surfaces_exports_empty_files(tmp_path: Path) -> None:

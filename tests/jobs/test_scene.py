@@ -10,10 +10,10 @@ import pytest
 from support.planes_found import BOARD_MM, COLS, FACTOR, LAYERS, ROWS, SENSOR, board_and_wall
 
 import tofmix as tm
-from tofmix.errors import BadInputError, UsageError
+from tofmix.errors import BadInputError
 from tofmix.io.surfaces_file import SurfacesWriter
 from tofmix.jobs.reporter import Reporter
-from tofmix.jobs.scene import PlaneScene, recording_settings, scene_of_file, write_scene
+from tofmix.jobs.scene import PlaneScene, scene_of_file, write_scene
 from tofmix.noise_shape import BackgroundDensity, LearntNoise
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.sensor_schema import ShareLaw
@@ -120,16 +120,6 @@ def test_model_of_a_simulated_scene_has_the_camera_and_noise_of_the_original(ori
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
-def test_noise_that_an_estimate_learnt_is_written(original: Model) -> None:
-    learnt = tm.scene(tm.estimate(tm.simulate(original), noise="auto", workers=1))
-    ranges = np.array([1750.0, 1800.0, 1850.0, 3100.0, 3200.0, 3300.0])  # of the board and of the wall
-    wanted = original.sensor.noise_at(10.0).sigma(ranges)
-    assert learnt.sensor.noise_at(learnt.sensor.integration_time_ms).sigma(ranges) == pytest.approx(wanted, rel=0.1)
-    assert learnt.recording.frame_rate_hz == pytest.approx(20.0)
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
 def test_written_model_is_simulated_and_agrees_with_the_recording_in_reconcile(seen: Model) -> None:
     again = tm.simulate(seen, seed=5)
     assert again.shape == (60, 36, 44)
@@ -179,17 +169,6 @@ def test_smooth_hidden_and_covering_surfaces_are_left_out_and_counted(tmp_path: 
         "2 surfaces; 1 smooth surface left out, no plane; 1 surface left out, nowhere the nearest; 1 left out, of which"
         " a rectangle covers more of others; a share changes by more than 0.1 in "
     )
-
-
-def test_window_of_several_is_chosen(tmp_path: Path) -> None:
-    found = board_and_wall()
-    nearer = replace(found.planes, offset_mm=np.array([900.0, 2500.0], dtype=np.float32))
-    path = _written(tmp_path / "a.surfaces.h5", found, replace(found, planes=nearer))
-    second = _scene(path, window=1)
-    assert [surface.name for surface in second.model.surfaces] == ["surface 2", "surface 3"]
-    assert second.model.surfaces[0].center_mm[2] == pytest.approx(900.0)
-    with pytest.raises(UsageError, match=r"window 2: .* has windows 0 to 1"):
-        _scene(path, window=2)
 
 
 def test_what_a_model_has_not_is_said_and_written_as_a_remark(tmp_path: Path) -> None:
@@ -252,9 +231,3 @@ def test_files_that_tell_no_scene_are_refused_with_the_remedy(tmp_path: Path) ->
         root["speed"] = [1.0]
     with pytest.raises(BadInputError, match="range"):
         _scene(tmp_path / "other.h5")
-
-
-def test_rate_of_a_recording_is_that_of_most_frames() -> None:
-    time_s = np.array([0.0, 0.1, 0.2, 0.3, 5.0, 5.1])
-    assert recording_settings(6, time_s).frame_rate_hz == pytest.approx(10.0)
-    assert recording_settings(6, None).frame_rate_hz == 25.0

@@ -2,25 +2,18 @@
 
 from collections.abc import Sequence
 
-import numpy as np
 import pytest
 from support.alike import MakeLayers
+from support.cameras import camera_of
 
 from tofmix.layers import Layers
-from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensor import Sensor
 
 
 @pytest.fixture
 def camera() -> Sensor:
     """8 degrees wide and high, 6 m far; sigma 10 mm, so that space without a return is free up to 5980 mm."""
-    return Sensor(
-        name="small",
-        range_min_mm=100.0,
-        range_max_mm=6000.0,
-        fov_horizontal_deg=8.0,
-        fov_vertical_deg=8.0,
-        noise=NoiseCurve(np.array([1000.0]), np.array([10.0])),
-    )
+    return camera_of([1000.0], [10.0], reach_mm=(100.0, 6000.0), fov_deg=(8.0, 8.0))
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from support.sizes import sized
 from tofmix.arrays import FloatArray
 from tofmix.layers import Layers
 from tofmix.mapping.beams import Beams, beams_from_layers
-from tofmix.mapping.grid import Pose, VoxelGrid, cell_outlines, image_cone, image_nodes, plan_grid
+from tofmix.mapping.grid import Pose, VoxelGrid, plan_grid
 from tofmix.mapping.occupancy import (
     MAX_LOG_ODDS,
     LightCounts,
@@ -210,16 +210,6 @@ def test_the_kernel_agrees_with_its_naive_twin(make_layers: MakeLayers, camera: 
     _assert_agrees(layers, camera, pose, most=0.2, rays=12)
 
 
-def test_threads_change_no_value(make_layers: MakeLayers, camera: Sensor) -> None:
-    beams = beams_from_layers(make_layers([900.0], [0.8], no_return=0.2), camera)
-    grid = plan_grid(beams, Pose(pitch_deg=3.0), cell_mm=60.0)
-    done: list[int] = []
-    one, three = (count_light(beams, Pose(pitch_deg=3.0), grid, workers=n, progress=done.append) for n in (1, 3))
-    np.testing.assert_array_equal(one.stopped, three.stopped)
-    np.testing.assert_array_equal(one.passed, three.passed)
-    assert sum(done) == 2 * grid.size
-
-
 def test_a_camera_that_looks_all_around_sees_all_around(make_layers: MakeLayers) -> None:
     camera = Sensor(name="round", range_max_mm=3000.0, fov_horizontal_deg=360.0, fov_vertical_deg=40.0)
     beams = beams_from_layers(make_layers([1000.0], [1.0], size=90), camera)
@@ -265,28 +255,6 @@ def test_grid_contains_all_ranges_of_the_beams(make_layers: MakeLayers, pinhole:
     ends = ends @ pose.rotation().T + pose.position()
     assert (ends >= grid.origin_mm).all()
     assert (ends <= grid.origin_mm + np.array(grid.shape) * 50).all()
-
-
-def test_outlines_hold_every_ray_that_meets_the_cell() -> None:
-    """A wide lens of 110 degrees: rays through cells at random, near and far, lie in the cells' rectangles."""
-    optics = Pinhole(fx=28.0, fy=28.0, cx=39.5, cy=29.5, distortion=(-0.08, 0.006, 0.0, 0.0))
-    shape, rng = (60, 80), np.random.default_rng(7)
-    pose = Pose(yaw_deg=20.0, pitch_deg=10.0)
-    cone = image_cone(image_nodes(optics, shape))
-    row, col = rng.uniform(-0.5, 59.5, 400), rng.uniform(-0.5, 79.5, 400)
-    rays = optics.rays(row, col, shape=shape)
-    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True) @ pose.rotation().T
-    cell = 60.0
-    low = rays * rng.uniform(300, 5000, (400, 1)) - rng.uniform(0, cell, (400, 3))
-    found = cell_outlines(optics, shape, low, cell, pose.rotation(), cone)
-    slack = 0.02  # of a pixel: an edge bends less than that between its middle and its ends
-    assert (found[:, 0] - slack <= col + 0.5).all()
-    assert (found[:, 1] + slack >= col + 0.5).all()
-    assert (found[:, 2] - slack <= row + 0.5).all()
-    assert (found[:, 3] + slack >= row + 0.5).all()
-    behind = cell_outlines(optics, shape, -low - cell, cell, pose.rotation(), cone)
-    assert (behind[:, 0] > behind[:, 1]).all()
-    assert (cell_outlines(optics, shape, np.full((1, 3), -30.0), cell, pose.rotation(), cone)[:, 0] == 1).all()
 
 
 def test_pixels_of_a_pinhole_have_no_one_size(make_layers: MakeLayers, pinhole: Sensor) -> None:

@@ -2,49 +2,43 @@
 
 Usage: PYTHONPATH=tests:. python -m mutation draw  --output DIR [--seed 20] [--count 150]
        PYTHONPATH=tests:. python -m mutation map   --output DIR [--earlier CHECKOUT] [--jobs 2]
-       PYTHONPATH=tests:. python -m mutation run   --output DIR [--earlier CHECKOUT] [--jobs 2] [--first 150]
+       PYTHONPATH=tests:. python -m mutation run   --output DIR [--earlier CHECKOUT] [--budget 120]
        PYTHONPATH=tests:. python -m mutation table --output DIR
 
 Needs `pip install '.[test]' coverage`, and git. The checkout is never changed: everything happens in DIR.
 
-`draw` writes DIR/mutants.json: changes of operators, comparisons and numbers, and removed statements.
-`map` runs this checkout's whole suite once and notes which test runs which lines; with `--earlier`, the suite of
-another checkout instead, on this checkout's package. Run it once for each.
-`run` puts each mutant into a copy of the package, and runs the tests that may notice it, the quick ones first, until
-one fails: the quick suite, the earlier suite if there is one, and the rest of the whole suite for what the earlier one
-finds and the quick one does not (without an earlier one, for all that the quick one does not find). What the earlier
-suite finds beyond the quick one is checked: the test must fail again, and must pass without the mutant. A test over 20
-times its time ends as "hung", and counts as a failure. Where the tests of a suite take longer than `--budget` seconds,
-the longest are left out, and counted. It goes on where it was stopped.
-`table` prints the counts, and the mutants that the earlier suite finds and this one does not.
+`draw` writes DIR/mutants.json: changes of operators, comparisons and numbers, and removed statements. `map` runs this
+checkout's whole suite once and notes which test runs which lines; with `--earlier`, the suite of another checkout too,
+on this checkout's package. `run` puts each mutant into a copy of the package, and runs the tests that run its line,
+those of its own folder first, until one fails: the quick suite, the whole one for what the quick one does not find, and
+the earlier one for what neither finds. A suite that takes more than `--budget` seconds misses the mutant; one that
+hangs does too. It goes on where it was stopped. `table` prints the counts, and the mutants that a suite misses.
 
-Tests are chosen by what they run (`mutation.follow`), and for compiled kernels, constants and classes, whose lines
-coverage does not see, by what names them (`mutation.names`). Tests that read the package's source are always run.
+Coverage sees neither the lines of compiled kernels nor, for a single test, what runs at import: for a change there, the
+tests are those that run a line of the modules that import it, directly or through others.
 """
 
 import argparse
+import ast
 import json
-import queue
+import os
+import re
 import shutil
-import threading
-from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, replace
+import subprocess
+import sys
+from collections import defaultdict
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from mutation.coverage_map import CoverageMap, KnownTest, failed_once, gathered, not_followed
+from coverage import CoverageData
+
 from mutation.draw import Mutant, draw
-from mutation.names import Names
-from mutation.slot import Ended, Slot, fingerprint
 
 TOP = Path(__file__).parents[2]
-LEFT_OUT_OF_QUICK = frozenset({"slow", "cluster", "browser", "faults"})
-"""Marks of the tests that the README's line leaves out."""
-_COMPILING_ALL_S = 240.0
-"""What a test may take longer where kernels are compiled."""
-_AT_LEAST = 3
-"""So many tests are run whatever they take."""
+QUICK = "not (slow or cluster or browser or faults)"
+Lines = dict[str, dict[int, list[str]]]
+"""The tests that run each line of each file."""
 
 
 def main() -> None:
@@ -54,236 +48,187 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=20)
     parser.add_argument("--count", type=int, default=150)
     parser.add_argument("--earlier", type=Path, help="another checkout, whose tests are compared with this one's")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--first", type=int, help="only so many of the mutants drawn")
-    parser.add_argument("--budget", type=float, default=60.0, help="seconds of tests, for a mutant and suite")
-    parser.add_argument("--again", action="store_true", help="map: only read again what the last run of tests noted")
+    parser.add_argument("--jobs", type=int, default=2, help="processes of map")
+    parser.add_argument("--budget", type=float, default=120.0, help="seconds of tests, for a mutant and suite")
     parser.add_argument("--tests", nargs="+", default=[], metavar="FILE", help="map: only these, to try things out")
     options = parser.parse_args()
-    study = Study(options.output.resolve(), None if options.earlier is None else options.earlier.resolve())
+    folder, mutants = options.output.resolve(), options.output.resolve() / "mutants.json"
+    suites = {"ours": TOP} | ({} if options.earlier is None else {"earlier": options.earlier.resolve()})
     if options.what == "draw":
-        study.draw(seed=options.seed, count=options.count)
+        folder.mkdir(parents=True, exist_ok=True)
+        drawn = draw(TOP, seed=options.seed, count=options.count)
+        mutants.write_text(json.dumps([asdict(mutant) for mutant in drawn], indent=1))
     elif options.what == "map":
-        study.map(jobs=options.jobs, tests=options.tests, again=options.again)
+        for name, top in suites.items():
+            lines = follow(folder, top, options.jobs, options.tests)
+            (folder / f"map-{name}.json").write_text(json.dumps(lines))
     elif options.what == "run":
-        study.run(jobs=options.jobs, first=options.first, budget_s=options.budget)
+        done = {result["number"] for result in results(folder)}
+        for mutant in (Mutant(**values) for values in json.loads(mutants.read_text())):
+            if mutant.number not in done:
+                result = asdict(mutant) | found_by(folder, suites, mutant, options.budget)
+                with (folder / "results.jsonl").open("a") as file:
+                    file.write(json.dumps(result) + "\n")
+                print(f"{mutant.number:4d} {mutant.file}:{mutant.at} {mutant.kind}: {result['found']}", flush=True)
     else:
-        study.table()
+        table(results(folder))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Choice:
-    """The tests to run, and how many of those that may notice are left out to save time."""
+def dressed(folder: Path, suite: Path) -> Path:
+    """Return a copy of this checkout's package, at the same path in every run, with the tests of a suite beside it.
 
-    tests: list[KnownTest]
-    left_out: int
+    numba finds compiled kernels by the path.
+    """
+    copy = folder / "checkout"
+    shutil.rmtree(copy, ignore_errors=True)
+    for top, parts in ((suite, ["."]), (TOP, ["tofmix"])):
+        shutil.rmtree(copy / "tofmix", ignore_errors=True)
+        command = ["git", "-C", str(top), "ls-files", "-z", "--cached", "--others", "--exclude-standard", *parts]
+        for name in subprocess.run(command, capture_output=True, check=True, text=True).stdout.split("\0"):
+            if name and (top / name).is_file():
+                (copy / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(top / name, copy / name)
+    shutil.rmtree(copy / "tests" / "mutation", ignore_errors=True)
+    shutil.copytree(Path(__file__).parent, copy / "tests" / "mutation")
+    return copy
 
 
-class Study:
-    """A folder with mutants, maps and results."""
+def environment(folder: Path, **more: str) -> dict[str, str]:
+    """Return the environment in which tests run."""
+    checkout = folder / "checkout"
+    path = f"{checkout}{os.pathsep}{checkout / 'tests'}"
+    ours = {"PYTHONPATH": path, "NUMBA_CACHE_DIR": str(folder / "kernels"), "NUMBA_NUM_THREADS": "1"}
+    return os.environ | ours | more
 
-    def __init__(self, folder: Path, earlier: Path | None) -> None:
-        self._folder = folder
-        self._suites = {"ours": TOP} | ({} if earlier is None else {"earlier": earlier})
-        self._kernels = folder / f"kernels-{fingerprint(TOP / 'tofmix')}"
-        self._lock = threading.Lock()
 
-    def draw(self, *, seed: int, count: int) -> None:
-        """Write the mutants."""
-        self._folder.mkdir(parents=True, exist_ok=True)
-        mutants = [asdict(mutant) for mutant in draw(TOP, seed=seed, count=count)]
-        (self._folder / "mutants.json").write_text(json.dumps(mutants, indent=1))
-        print(f"{len(mutants)} mutants in {self._folder / 'mutants.json'}")
+def follow(folder: Path, suite: Path, jobs: int, tests: list[str]) -> Lines:
+    """Run a whole suite on this checkout's package; return which test runs which lines."""
+    copy, data = dressed(folder, suite), folder / "followed"
+    shutil.rmtree(data, ignore_errors=True)
+    data.mkdir()
+    (folder / "coveragerc").write_text(
+        f"[run]\nparallel = true\npatch = subprocess, _exit\nsource = {copy / 'tofmix'}\ndata_file = {data / 'data'}\n"
+        "context = ${PYTEST_CURRENT_TEST-}\n"
+    )
+    command = [sys.executable, "-m", "coverage", "run", f"--rcfile={folder / 'coveragerc'}", "-m", "pytest", "-q"]
+    command += ["-p", "mutation.follow", "-p", "no:cacheprovider", "-n", str(jobs), "--dist", "worksteal", *tests]
+    subprocess.run(command, cwd=copy, env=environment(folder), check=False)
+    found: dict[str, dict[int, set[str]]] = defaultdict(lambda: defaultdict(set))
+    for part in data.iterdir():
+        read = CoverageData(str(part))
+        read.read()
+        for file in read.measured_files():
+            for line, contexts in read.contexts_by_lineno(file).items():
+                names = {re.sub(r" \(\w+\)$", "", name) for context in contexts for name in context.split("|")}
+                found[Path(file).relative_to(copy).as_posix()][line] |= names - {""}
+    return {file: {line: sorted(tests) for line, tests in lines.items()} for file, lines in found.items()}
 
-    def map(self, *, jobs: int, tests: Sequence[str], again: bool) -> None:
-        """Run one suite, followed, unless that is done; and write its map."""
-        suite = list(self._suites)[-1]
-        slot = self._slot(0)
-        slot.dress(suite)
-        compiled = slot.folder / "kernels"
-        followed = self._folder / f"followed-{suite}"
-        if not again:
-            shutil.rmtree(compiled, ignore_errors=True)
-        if self._kernels.exists() and not compiled.exists():
-            shutil.copytree(self._kernels, compiled)
-        if not again:
-            slot.map(followed, jobs, tests)
-        failing = [test.id for test in failed_once(followed) if slot.run([test]).killed_by]
-        found = gathered(followed, slot.checkout, Names(slot.checkout), failing)
-        found.write(self._map_path(suite))
-        if compiled.exists():
-            shutil.rmtree(self._kernels, ignore_errors=True)
-            compiled.rename(self._kernels)
-        print(f"{suite}: {len(found.tests)} tests of {sum(test.seconds for test in found.tests):.0f} s")
-        for test in not_followed(followed):
-            print(f"left out, for its process did not end as it should: {test}")
-        for test in failing:
-            print(f"left out, for it fails on the unchanged package: {test}")
 
-    def run(self, *, jobs: int, first: int | None, budget_s: float) -> None:
-        """Test every mutant that has no result yet."""
-        maps = {suite: self._map(suite) for suite in self._suites}
-        names = Names(TOP)
-        done = {result["number"] for result in self._results()}
-        mutants = [mutant for mutant in self._mutants()[:first] if mutant.number not in done]
-        if not self._kernels.exists():
-            self._slot(0).compile_kernels().rename(self._kernels)
-        slots: queue.Queue[Slot] = queue.Queue()
-        for number in range(jobs):
-            slots.put(self._slot(number))
+def found_by(folder: Path, suites: dict[str, Path], mutant: Mutant, budget_s: float) -> dict[str, str | None]:
+    """Try a mutant: which suite finds it ("quick", "whole", "earlier" or "none"), and the last lines of its output."""
+    above = importers(TOP)
+    for suite, top in suites.items():
+        lines = json.loads((folder / f"map-{suite}.json").read_text())
+        tests = noticing({file: {int(k): v for k, v in of.items()} for file, of in lines.items()}, mutant, above)
+        copy = dressed(folder, top)
+        path = copy / mutant.file
+        path.write_text(mutant.applied(path.read_text()))
+        kernels = folder / "kernels"
+        if kernels.exists() and not (folder / "unchanged").exists():
+            kernels.rename(folder / "unchanged")
+        shutil.rmtree(kernels, ignore_errors=True)
+        modules = [module_of(file) for file in [mutant.file, *reached(mutant.file, above)]]
+        if (folder / "unchanged").exists():
+            command = [sys.executable, "-m", "mutation.kernels", str(folder / "unchanged"), *modules]
+            # Without the copy, every kernel is compiled again: slower, and as right.
+            subprocess.run(command, env=environment(folder), cwd=folder, capture_output=True, check=False)
+        for marks in (QUICK, f"not ({QUICK})"):
+            said = run(folder, tests, marks, budget_s)
+            if said is not None:
+                return {"found": suite if suite != "ours" else "quick" if marks == QUICK else "whole", "said": said}
+    return {"found": "none", "said": None}
 
-        def test(mutant: Mutant) -> None:
-            slot = slots.get()
-            try:
-                self._keep(_Trial(slot, mutant, maps, names, budget_s).result(self._kernels))
-            finally:
-                slots.put(slot)
 
-        with ThreadPoolExecutor(jobs) as pool:
-            for _ in pool.map(test, mutants):
-                pass
-
-    def table(self) -> None:
-        """Print what was found."""
-        results = self._results()
-        suites = [suite for suite in ("earlier", "quick", "whole") if any(suite in result for result in results)]
-        with_earlier = "earlier" in suites
-        against = [result for result in results if result["earlier"]["killed_by"]] if with_earlier else results
-        kinds = "found by the earlier suite" if with_earlier else "mutants"
-        print(f"{len(results)} mutants\n")
-        print(f"| suite | finds of {len(against)} {kinds} | share | misses with tests left out |\n|---|---|---|---|")
-        for suite in suites:
-            both = [result for result in against if result[suite]["killed_by"]]
-            cut = sum(result[suite]["left_out"] > 0 for result in against if not result[suite]["killed_by"])
-            print(f"| {suite} | {len(both)} | {100 * len(both) / max(1, len(against)):.1f} % | {cut} |")
-        if with_earlier:
-            beyond = [result for result in results if result not in against]
-            cut = sum(result["earlier"]["left_out"] > 0 for result in beyond)
-            quick = sum(result["quick"]["killed_by"] is not None for result in beyond)
-            print(f"\nThe earlier suite misses {len(beyond)}, {cut} of them with tests left out; quick finds {quick}.")
-        for suite in [suite for suite in suites if suite != "earlier"]:
-            missed = [result for result in against if not result[suite]["killed_by"]]
-            print(f"\n{len(missed)} of them not found by {suite}:")
-            for result in missed:
-                _print_missed(result)
-        escaped = [result for result in results if not any(result[suite]["killed_by"] for suite in suites)]
-        print(f"\n{len(escaped)} found by none: " + ", ".join(f"{r['file']}:{r['line']}" for r in escaped))
-
-    def _slot_path(self, number: int) -> Path:
-        return self._folder / f"slot{number}" / "checkout"
-
-    def _slot(self, number: int) -> Slot:
-        return Slot(self._folder / f"slot{number}", self._suites)
-
-    def _map_path(self, suite: str) -> Path:
-        return self._folder / f"map-{suite}-{fingerprint(self._suites[suite] / 'tests')}.json"
-
-    def _map(self, suite: str) -> CoverageMap:
-        """A suite's map; if it was made with another package, without the tests that no longer can be collected."""
-        found = CoverageMap.read(self._map_path(suite))
-        if found.is_of(TOP):
-            return found
-        slot = self._slot(0)
-        slot.dress(suite)
-        collected = slot.collected()
-        gone = frozenset(test.id for test in found.tests) - collected
-        print(f"{suite}: mapped with another package; {len(gone)} of {len(found.tests)} tests cannot be collected now")
-        return replace(found.for_package(TOP), gone=gone)
-
-    def _mutants(self) -> list[Mutant]:
-        return [Mutant(**values) for values in json.loads((self._folder / "mutants.json").read_text())]
-
-    def _results(self) -> list[dict[str, Any]]:
-        path = self._folder / "results.jsonl"
-        results = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-        return sorted(results, key=lambda result: result["number"])
-
-    def _keep(self, result: dict[str, Any]) -> None:
-        with self._lock, (self._folder / "results.jsonl").open("a") as file:
-            file.write(json.dumps(result) + "\n")
-        said = ", ".join(
-            f"{suite}: {result[suite]['how']} {result[suite]['seconds']:.0f} s"
-            for suite in ("quick", "earlier", "whole")
-            if suite in result
+def run(folder: Path, tests: list[str], marks: str, budget_s: float) -> str | None:
+    """Run tests in their order until one fails; return what pytest says of it, None if all pass in time."""
+    (folder / "chosen").write_text("\n".join(tests))
+    files = [file for file in dict.fromkeys(t.split("::")[0] for t in tests) if (folder / "checkout" / file).exists()]
+    if not files:
+        return None
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-m", marks, "-p", "mutation.follow", "--tb=line"]
+    command += ["-p", "no:cacheprovider", *files]
+    try:
+        done = subprocess.run(
+            command,
+            cwd=folder / "checkout",
+            env=environment(folder, MUTATION_CHOSEN=str(folder / "chosen")),
+            capture_output=True,
+            text=True,
+            timeout=budget_s,
+            check=False,
         )
-        print(f"{result['number']:4d} {result['file']}:{result['line']} {result['kind']}: {said}", flush=True)
+    except subprocess.TimeoutExpired:
+        return None
+    return None if done.returncode in {0, 5} else "\n".join(done.stdout.splitlines()[-3:])  # 5: none is collected
 
 
-class _Trial:
-    """One mutant, in one slot, against every suite."""
-
-    def __init__(self, slot: Slot, mutant: Mutant, maps: dict[str, CoverageMap], names: Names, budget_s: float) -> None:
-        self._slot, self._mutant, self._maps, self._names, self._budget_s = slot, mutant, maps, names, budget_s
-        self._source = (slot.checkout / mutant.file).read_bytes()
-
-    def result(self, kernels: Path) -> dict[str, Any]:
-        """Run the quick tests, the earlier ones, and the rest of ours where it is in question."""
-        about = {"number": self._mutant.number, "kind": self._mutant.kind, "file": self._mutant.file}
-        found: dict[str, Any] = {"line": self._mutant.line, "diff": self._mutant.diff(self._source)}
-        with self._slot.changed(self._mutant, self._names, kernels) as compiling_s:
-            ours = self._noticing("ours")
-            choice = self._choice([test for test in ours if not LEFT_OUT_OF_QUICK & set(test.marks)])
-            self._slot.dress("ours")
-            quick = self._slot.run(choice.tests, compiling_s=compiling_s)
-            found["quick"] = found["whole"] = _entry(quick, choice)
-            earlier: Ended | None = None
-            if "earlier" in self._maps:
-                choice = self._choice(self._noticing("earlier"), first=[quick.killed_by], last=quick.passed)
-                self._slot.dress("earlier")
-                earlier = self._slot.run(choice.tests, compiling_s=compiling_s)
-                found["earlier"] = _entry(earlier, choice)
-                if earlier.killed_by and quick.killed_by is None and not self._fails(earlier, compiling_s):
-                    found["earlier"] |= {"killed_by": None, "how": "fails now and then"}
-            if quick.killed_by is None and (earlier is None or found["earlier"]["killed_by"]):
-                rest = [test for test in ours if test.id not in set(quick.passed)]
-                choice = self._choice(rest, first=[earlier.killed_by if earlier else None])
-                self._slot.dress("ours")
-                found["whole"] = _entry(self._slot.run(choice.tests, compiling_s=compiling_s), choice)
-        doubtful = quick.killed_by is None and found.get("earlier", {}).get("killed_by") not in {None, "import"}
-        if earlier is not None and doubtful:
-            self._slot.dress("earlier")
-            if self._fails(earlier, _COMPILING_ALL_S):
-                found["earlier"] |= {"killed_by": None, "how": "fails without the mutant"}
-        self._slot.dress("ours")
-        return about | found
-
-    def _fails(self, ended: Ended, compiling_s: float) -> bool:
-        """Whether the test that found the mutant fails by itself, in the package as it is now."""
-        tests = [test for test in self._maps["earlier"].tests if test.id == ended.killed_by]
-        return not tests or self._slot.run(tests, compiling_s=compiling_s).killed_by is not None
-
-    def _noticing(self, suite: str) -> list[KnownTest]:
-        return self._maps[suite].noticing(self._mutant, self._names, self._source)
-
-    def _choice(self, tests: list[KnownTest], first: Iterable[str | None] = (), last: Iterable[str] = ()) -> Choice:
-        """As many of the tests as the time allows, `first` before all others, and `last` after them."""
-        places = dict.fromkeys(last, 2) | dict.fromkeys(first, 0)
-        ordered = sorted(tests, key=lambda test: places.get(test.id, 1))
-        chosen: list[KnownTest] = []
-        seconds = 0.0
-        for test in ordered:
-            if len(chosen) < _AT_LEAST or seconds + test.seconds <= self._budget_s:
-                chosen.append(test)
-                seconds += test.seconds
-        return Choice(tests=chosen, left_out=len(ordered) - len(chosen))
+def noticing(lines: Lines, mutant: Mutant, above: dict[str, set[str]]) -> list[str]:
+    """Return the tests that may notice a mutant, those of its own folder first."""
+    known = lines.get(mutant.file, {})
+    tests = {test for line in range(mutant.line, mutant.end_line + 1) for test in known.get(line, [])}
+    for file in [] if tests else [mutant.file, *reached(mutant.file, above)]:
+        tests |= {test for of in lines.get(file, {}).values() for test in of}
+    folder = Path(mutant.file).parts[1:-1]
+    return sorted(tests, key=lambda test: (Path(test.split("::")[0]).parts[1:-1] != folder, test))
 
 
-def _print_missed(result: dict[str, Any]) -> None:
-    """Print a mutant with what somebody needs who adds a test."""
-    print(f"\n{result['file']}:{result['line']} (mutant {result['number']}, {result['kind']})")
-    if "earlier" in result:
-        print(f"    found by {result['earlier']['killed_by']} ({result['earlier']['how']})")
-    print("\n".join(f"    {line}" for line in result["diff"].splitlines()[2:]))
+def importers(top: Path) -> dict[str, set[str]]:
+    """Return which files of the package import each of its files."""
+    files = [path.relative_to(top) for path in (top / "tofmix").rglob("*.py")]
+    known = {module_of(file.as_posix()): file.as_posix() for file in files}
+    found: dict[str, set[str]] = defaultdict(set)
+    for file in files:
+        for node in ast.walk(ast.parse((top / file).read_bytes())):
+            if isinstance(node, ast.ImportFrom):
+                names = [node.module or "", *(f"{node.module}.{alias.name}" for alias in node.names)]
+            else:
+                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for name in set(names) & known.keys():
+                found[known[name]].add(file.as_posix())
+    return found
 
 
-def _entry(ended: Ended, choice: Choice) -> dict[str, Any]:
-    return {
-        "killed_by": ended.killed_by,
-        "how": ended.how,
-        "seconds": ended.seconds,
-        "tests": len(choice.tests),
-        "left_out": choice.left_out,
-    }
+def reached(file: str, above: dict[str, set[str]]) -> list[str]:
+    """Return all files that import a file, directly or through others, the nearest first."""
+    found = dict.fromkeys([file])
+    for one in (queue := [file]):
+        queue += [new for new in sorted(above[one]) if new not in found]
+        found |= dict.fromkeys(above[one])
+    return list(found)[1:]
+
+
+def module_of(file: str) -> str:
+    """Return the name of a file's module."""
+    return file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+
+
+def results(folder: Path) -> list[dict[str, Any]]:
+    """Return the results so far."""
+    path = folder / "results.jsonl"
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def table(found: list[dict[str, Any]]) -> None:
+    """Print the counts, and what is missed."""
+    known = [result for result in found if result["found"] != "none"]
+    print(f"{len(found)} mutants, {len(known)} found by a suite\n\n| suite | finds | share |\n|---|---|---|")
+    for suite, by in (("quick", {"quick"}), ("whole", {"quick", "whole"})):
+        count = sum(result["found"] in by for result in known)
+        print(f"| {suite} | {count} | {100 * count / max(1, len(known)):.1f} % |")
+    for result in found:
+        if result["found"] != "quick":
+            print(f"\n{result['found']}: {result['file']}:{result['at']} ({result['kind']})")
+            print(f"-{result['old'].rstrip()}\n+{result['new'].rstrip()}\n{result['said'] or ''}")
 
 
 if __name__ == "__main__":

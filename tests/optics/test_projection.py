@@ -20,11 +20,8 @@ from tofmix.optics.projection import (
     beam_directions_of,
     cell_nodes,
     largest_angle_deg,
-    list_keys,
     make_projection,
-    number_keys,
     pixel_extent_rad,
-    projection_values,
     ray_over_depth,
     unit,
 )
@@ -76,12 +73,6 @@ def test_extent_is_the_larger_angle_across_a_pixel(projection: Projection) -> No
             assert angle == pytest.approx(found[row, col], rel=0.06)
         else:
             assert angle == pytest.approx(found[row, col], rel=1e-6)
-
-
-@pytest.mark.parametrize("projection", ALL)
-def test_a_projection_is_made_again_of_its_own_values(projection: Projection) -> None:
-    assert make_projection(projection.name, projection_values(projection)) == projection
-    assert set(projection_values(projection)) <= {*number_keys(projection.name), *list_keys(projection.name)}
 
 
 VIEW = {"fov_horizontal_deg": 47.0, "fov_vertical_deg": 39.0}
@@ -185,21 +176,6 @@ def test_undistorting_gives_a_place_that_is_imaged_there_or_none(
     if np.isfinite(x[0]):
         np.testing.assert_allclose(lens.distorted(x, y, k), to, atol=1e-9)
         assert math.hypot(x[0], y[0]) < distortion.fold_radius()
-
-
-@pytest.mark.parametrize(
-    ("k", "radius"),
-    [
-        ((), math.inf),
-        ((0.1, 0.0, 0.0, 0.0), math.inf),
-        ((-0.1, 0.0, 0.0, 0.0), math.sqrt(1 / 0.3)),  # d/dr (r - 0.1 r^3) = 0
-        ((0.0, 0.0, 0.0, 0.0, 0.0, -0.25, 0.0, 0.0), 2.0),  # a pole at 1 - r^2 / 4 = 0
-        ((0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0), 1.0),  # d/dr r / (1 + r^2) = 0
-        ((1e-300, 0.0, 0.0, 0.0, -1e-300), math.inf),
-    ],
-)
-def test_fold_radius_is_where_the_formula_turns(k: tuple[float, ...], radius: float) -> None:
-    assert Distortion(k).fold_radius() == pytest.approx(min(radius, 1000.0), rel=1e-9)
 
 
 def test_fold_is_that_of_a_fine_scan_and_an_image_that_reaches_it_is_refused() -> None:

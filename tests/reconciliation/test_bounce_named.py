@@ -41,19 +41,6 @@ def test_bounce_is_named_with_its_source_and_share(corner: Model) -> None:
     assert named.parameters.keys() == {"surface", "share", "from"}
 
 
-@pytest.mark.slow
-def test_second_path_of_a_constant_share_is_no_bounce(corner: Model) -> None:
-    found = reconciled(corner, MAKE["multipath"](surface="back", share=0.1, extra_path_mm=1200.0), kinds=KINDS)
-    named = [n.effect for n in found.named if n.effect.kind == "multipath"]
-    assert all(effect.numbers().get("extra_path_mm") for effect in named)
-
-
-@pytest.mark.slow
-def test_moved_wall_of_a_corner_is_no_bounce(corner: Model) -> None:
-    found = reconciled(corner, MAKE["surface_pose"](surface="back", shift_mm=25.0), kinds=KINDS)
-    assert [n.effect.kind for n in found.named] == ["surface_pose"]
-
-
 def test_bounce_of_another_scene_does_not_act_in_a_recording(corner: Model) -> None:
     bounce = MAKE["multipath"](surface="back", share=0.1, from_="table")
     alone = replace(corner, surfaces=(BACK,))

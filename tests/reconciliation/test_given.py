@@ -65,37 +65,6 @@ def test_recording_agrees_with_a_model_that_has_its_effect(model: Model, small: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    ["temperature_drift", "stuck_pixels", "interference", "motion", "pixel_crosstalk", "temporal_correlation"],
-)
-def test_missing_offset_is_found_in_a_model_with_another_effect(small: Model, name: str) -> None:
-    """Effects in time, in bursts, with a memory, among neighbours and in single pixels."""
-    has = _with(small, GIVEN[name])
-    result = reconciled(has, GIVEN[name], MAKE["range_offset"](offset_mm=8.0), kinds=RIVALS)
-    # What leaks into neighbours is predicted by two moments: its spread and skew may stand out in single pixels
-    whole = ("explained", "partly_explained") if name == "pixel_crosstalk" else ("explained",)
-    assert result.verified.verdict in whole
-    (named,) = result.named
-    assert named.parameters["offset_mm"] == pytest.approx(8.0, abs=4 * named.stderr["offset_mm"])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("given", "statistic"),
-    [
-        (MAKE["interference"](probability=0.5, sigma_mm=30.0, burst_frames=3.0), "bursts"),
-        (MAKE["temporal_correlation"](coefficient=0.5), "memory"),
-    ],
-    ids=lambda value: getattr(value, "kind", value),
-)
-def test_effect_that_the_recording_lacks_is_a_negative_place(small: Model, given: Effect, statistic: str) -> None:
-    result = reconcile(replace(small, effects=(given,)), recorded(small), Settings(kinds=("range_offset",)))
-    assert result.verified.verdict == "unexplained"
-    assert any(place.statistic == statistic and place.size < -0.15 for place in result.where)
-
-
-@pytest.mark.slow
 def test_map_that_was_measured_agrees_with_the_next_recording(small: Model) -> None:
     """The map has the errors of so many frames; `--tolerance` covers them."""
     kinds = ("fixed_pattern", "range_offset", "surface_pose")

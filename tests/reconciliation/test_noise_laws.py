@@ -43,25 +43,6 @@ def test_noise_by_angle_of_a_steep_wall_is_named_with_its_exponent(small: Model)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("wall", [STEEP, FACING], ids=lambda s: s.name)
-def test_factor_of_all_noise_has_no_exponent(small: Model, wall: Surface) -> None:
-    ((effect, error),) = named(replace(small, surfaces=(wall,)), MAKE["excess_noise"](factor=1.3))
-    assert effect.kind == "excess_noise"
-    assert effect.numbers()["angle_exponent"] == 0
-    assert within(effect.numbers()["factor"], 1.3, error["factor"])
-
-
-@pytest.mark.slow
-def test_camera_that_is_always_on_is_named_where_sigma_differs(small: Model) -> None:
-    ((effect, error),) = named(small, MAKE["interference"](probability=1.0, sigma_mm=20.0))
-    assert effect.kind == "interference"
-    assert effect.numbers()["probability"] == 1
-    assert within(effect.numbers()["sigma_mm"], 20.0, error["sigma_mm"])
-    assert error.keys() == {"sigma_mm"}
-    assert effect.explain().endswith("in all frames")
-
-
-@pytest.mark.slow
 def test_noise_that_is_added_to_one_sigma_is_a_factor_with_interference_as_an_alias(small: Model) -> None:
     """One sigma in the image: nothing tells a sum from a product, and more light is the commoner cause."""
     alike = replace(small.sensor, noise=NoiseCurve(np.array([500.0, 6000.0]), np.array([10.0, 10.0])))

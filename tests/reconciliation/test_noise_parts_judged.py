@@ -97,15 +97,6 @@ def test_effect_with_all_noise_parts_is_found_with_its_number(small: Model, hidd
     assert named.parameters[name] == pytest.approx(getattr(hidden, name), abs=4 * named.stderr[name])
 
 
-@pytest.mark.slow
-def test_common_change_of_noise_does_not_change_the_widths(small: Model) -> None:
-    has, factor = with_noise(small, **PARTS["all"]), 1.3
-    (named,) = outcome(has, has, MAKE["excess_noise"](factor=factor)).named
-    mean = 0.2 / np.sqrt(252)  # standard error of the mean log width, which cannot be separated from the factor
-    error = np.hypot(named.stderr["factor"], factor * mean)
-    assert named.parameters["factor"] == pytest.approx(factor, abs=4 * error)
-
-
 @pytest.mark.parametrize("name", ["widths", "all, strong"])
 def test_widths_are_found_with_their_errors(small: Model, name: str) -> None:
     has = with_noise(small, **PARTS[name])
@@ -119,31 +110,6 @@ def test_widths_are_found_with_their_errors(small: Model, name: str) -> None:
     assert off.std() == pytest.approx(1.0, abs=0.15)  # a standard error is 0.045
     assert state.log_width_error.max() <= 1.01 * has.sensor.noise.width_spread
     assert np.corrcoef(state.log_width[0], true)[0, 1] > 0.8
-
-
-def test_two_recordings_have_separate_widths_and_agree(small: Model) -> None:
-    has = with_noise(small, **PARTS["all"])
-    other = replace(has, surfaces=has.surfaces[1:])
-    pair = (has, simulated(has, (), 5, 80)), (other, simulated(other, (), 6, 80))
-    state = begin(joint_likelihood(pair), np.arange(160), 0.1)
-    for found, seed in zip(state.log_width, (5, 6), strict=True):
-        drawn = drawn_widths(has.sensor, seed=seed)
-        assert drawn is not None
-        assert np.corrcoef(found, np.log(drawn))[0, 1] > 0.8
-    result = reconcile(*pair[0], Settings(kinds=RIVALS), also=pair[1:])
-    assert result.verified.verdict == "agree"
-    assert result.verified.floor.gap < 1.3
-
-
-def test_gaussian_model_has_no_widths_and_no_table(small: Model) -> None:
-    likelihood = joint_likelihood(((small, recorded(small)),))
-    state = begin(likelihood, fit_part(likelihood, Settings(kinds=RIVALS))[0], 0.1)
-    assert not state.log_width.any()
-    assert not state.log_width_error.any()
-    mixture = likelihood.mixture(state)
-    assert mixture.shape is None
-    assert not mixture.background.any()
-    np.testing.assert_array_equal(mixture.told, 1.0 - mixture.invalid[0])
 
 
 def test_background_with_a_memory_is_refused(small: Model) -> None:

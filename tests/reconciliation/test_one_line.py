@@ -16,7 +16,6 @@ from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
-from tofmix.simulation.surface import Surface
 
 SHAPES = [(1, 24), (24, 1)]
 FRAMES = 80
@@ -46,34 +45,6 @@ def test_offset_is_found_and_a_right_model_agrees(rows: int, cols: int) -> None:
     for result in (right, found):
         assert np.isfinite([c.distance for c in result.verified.before.curves]).all()
         json.dumps(result.as_dict(), allow_nan=False)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("rows", "cols"), [(2, 4), (1, 24)])
-def test_offset_of_a_wall_in_a_few_pixels_is_explained_with_the_offset_named_or_alias(rows: int, cols: int) -> None:
-    model = scene(rows=rows, cols=cols)
-    wall = replace(model, surfaces=(Surface(name="wall", center_mm=(0, 0, 2200), size_mm=(5200.0, 4200.0)),))
-    found = reconcile(wall, _record(wall, MAKE["range_offset"](offset_mm=20.0)), Settings(kinds=KINDS))
-    assert found.verified.verdict == "explained"
-    sets = [set(kind.split(" + ")) for alias in found.as_dict()["aliases"] for kind in alias["kinds"]]
-    assert {"range_offset"} in [{n.effect.kind for n in found.named}, *sets]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("rows", "cols"), SHAPES)
-def test_panel_of_one_line_has_no_statistic_across_it(rows: int, cols: int) -> None:
-    model = scene(rows=rows, cols=cols)
-    evidence = _record(model, MAKE["range_offset"](offset_mm=30.0), frames=900)  # 200 held-out samples a pixel
-    result = reconcile(model, evidence, Settings(kinds=("range_offset",)))
-    missing, there = ("row", "col") if rows == 1 else ("col", "row")
-    panel = result.verified.before
-    assert all(np.isfinite(curve.value).all() for curve in panel.curves)
-    assert _axes(panel, "common_mode") == set()  # lines of one pixel are too short, the other is the frame itself
-    # Neighbours along the line: of one row, those of the next column.
-    assert _axes(panel, "neighbour_correlation") == {there}
-    assert missing not in _axes(panel, "bias")
-    assert there in _axes(panel, "bias")
-    assert result.verified.verdict == "explained"
 
 
 def test_panel_of_rows_and_columns_has_the_statistics_of_both() -> None:

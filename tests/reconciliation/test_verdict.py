@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.recordings import MAKE, Record
 
-from tofmix.reconciliation.comparison.compare import LEAST_SIZE, Compared, compare
+from tofmix.reconciliation.comparison.compare import Compared, compare
 from tofmix.reconciliation.comparison.panel import Curve
 from tofmix.reconciliation.found import TriedEffect
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
@@ -88,22 +88,6 @@ def test_inexact_law_may_leave_a_hundredth_of_a_spread_that_comes_from_a_bias(ow
     spread = replace(curve("spread", 0.5), information=told)
     before = replace(panel(bias=0.84), curves=(curve("bias", 0.84), spread))
     assert inexact(curve("spread", 0.05), before) == pytest.approx(limit, rel=0.01)
-
-
-def test_curve_without_bins_leaves_nothing_to_an_inexact_law() -> None:
-    nothing = np.zeros(0)
-    empty = Curve(
-        statistic="spread",
-        axis="row",
-        lower=nothing,
-        upper=nothing,
-        value=nothing,
-        variance=nothing,
-        unit="1",
-        scale_mm=nothing,
-        information=0.0,
-    )
-    assert inexact(empty, replace(panel(), curves=(empty,))) == LEAST_SIZE
 
 
 def test_unsigned_has_the_numbers_of_effects_whose_statistics_still_stand_out() -> None:

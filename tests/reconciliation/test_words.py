@@ -9,7 +9,6 @@ import pytest
 from support.recordings import MAKE, reconciled
 
 from tofmix.reconciliation.words import closed_text, effect_tables, effect_text, headline, summary_lines, where_text
-from tofmix.report.gap import render_gap
 from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.model import Model
 
@@ -29,20 +28,6 @@ def test_summary_has_the_size_of_a_map_and_the_number_of_stuck_pixels(small: Mod
     (size,) = set(re.findall(r'fixed_pattern \("fixed_pattern.npy", ([\d.]+) mm rms\)', said))
     working = biases[np.isnan(stuck)]
     assert abs(float(size) - np.sqrt((working**2).mean())) < 1.5
-
-
-@pytest.mark.slow
-def test_summary_calls_the_floor_noise_alone_and_says_which_round_candidates_are_of(small: Model) -> None:
-    hidden = MAKE["range_offset"](offset_mm=9.0), MAKE["excess_noise"](factor=1.4)
-    result = reconciled(small, *hidden, kinds=("range_offset", "excess_noise"))
-    assert len(result.named) == 2
-    assert "noise alone gives" in headline(result)
-    (candidates,) = [line for line in summary_lines(result) if line.startswith("candidates")]
-    assert "each alone:" in candidates
-    page = render_gap(result, source="x.h5")
-    assert "is chance" not in page
-    assert "The floor is what noise alone gives" in page
-    assert "fits all effects jointly, to more data: its numbers and gains differ from these" in page
 
 
 def test_headline_without_a_place_says_that_no_statistic_stands_out(small: Model) -> None:
@@ -84,11 +69,3 @@ def test_a_warm_up_is_said_with_the_change_of_the_measured_ranges(small: Model, 
 )
 def test_closed_share_is_said_to_a_percent_and_never_above_the_whole_gap(closed: float, said: str) -> None:
     assert closed_text(closed) == said
-
-
-def test_page_and_terminal_say_the_same_closed_share(small: Model) -> None:
-    result = reconciled(small, MAKE["range_offset"](offset_mm=9.0), kinds=("range_offset",))
-    assert result.verified.closed is not None
-    said = f"closed {closed_text(result.verified.closed)}"
-    assert said in "\n".join(summary_lines(result))
-    assert said in render_gap(result, source="x.h5")

@@ -11,7 +11,6 @@ from support.recordings import MAKE, Record, reconciled, recorded
 
 from tofmix.reconciliation.comparison.compare import localise
 from tofmix.reconciliation.evidence import Evidence
-from tofmix.reconciliation.parameters.standard_errors import numeric
 from tofmix.reconciliation.settings import KINDS, Settings
 from tofmix.reconciliation.words import headline
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
@@ -101,27 +100,6 @@ def test_share_of_samples_between_surfaces_returns_to_prediction_with_flying_pix
     assert after < 3
 
 
-def test_reconciling_again_gives_the_same_outcome(small: Model) -> None:
-    first = alone(small, "outliers")
-    again = reconcile(
-        small,
-        recorded(small, HIDDEN["outliers"]),
-        Settings(kinds=tuple(k for k in KINDS if k in {"outliers", *RIVALS})),
-    )
-    assert again.as_dict() == first.as_dict()
-
-
-@pytest.mark.slow
-def test_drift_before_a_pause_keeps_its_time_constant(small: Model) -> None:
-    """A minute and a half after 6 s, in which it came to its end."""
-    evidence = recorded(small, MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=1.0))
-    paused = replace(evidence, time_s=evidence.time_s + np.where(evidence.time_s > 6.0, 98.0, 0.0))
-    result = reconcile(small, paused, Settings(kinds=("temperature_drift", "range_offset")))
-    (drift,) = result.named
-    assert drift.effect.kind == "temperature_drift"
-    assert abs(drift.parameters["time_constant_s"] - 1.0) < 4 * drift.stderr["time_constant_s"]
-
-
 def test_right_model_agrees_with_the_gap_of_noise_alone(model: Model) -> None:
     result = reconciled(model, kinds=KINDS)
     assert result.verified.verdict == "agree"
@@ -158,28 +136,3 @@ def test_shift_is_given_in_mm_if_many_pixels_see_open_space(
     shifts = [p for p in localise(result.verified.before, 0.01) if p.statistic == "bias" and p.unit == "mm"]
     assert {"row", "col"} & {p.axis for p in shifts}
     assert all(p.size == pytest.approx(6.0, rel=0.15) for p in shifts)
-
-
-@pytest.mark.slow
-def test_wave_hidden_in_a_fixed_pattern_is_named_with_it(model: Model) -> None:
-    """A pattern can absorb any static bias: the law that gains in its presence is added first, and both are named."""
-    hidden = (
-        MAKE["fixed_pattern"](pixel_sigma_mm=10.0, column_sigma_mm=3.0, row_sigma_mm=3.0),
-        MAKE["wiggling"](amplitude_mm=20.0, phase_rad=0.7),
-    )
-    result = reconciled(model, *hidden, kinds=("fixed_pattern", "wiggling", "range_offset"))
-    assert result.verified.verdict == "explained"
-    assert {n.effect.kind for n in result.named} == {"fixed_pattern", "wiggling"}
-    (swing,) = (numeric(n.effect) for n in result.named if n.effect.kind == "wiggling")
-    assert 10.0 < swing["amplitude_mm"] < 25.0  # of 20: the pattern has a part of it
-    assert swing["phase_rad"] == pytest.approx(0.7, abs=0.6)
-    assert result.verified.closed is not None
-    assert result.verified.closed > 0.85
-
-
-@pytest.mark.parametrize("split", ["pixels", pytest.param("frames", marks=pytest.mark.slow)])
-def test_offset_is_found_with_frames_or_pixels_alone_held_out(small: Model, split: str) -> None:
-    result = reconciled(small, MAKE["range_offset"](offset_mm=12.0), kinds=("range_offset", "outliers"), split=split)
-    (named,) = result.named
-    assert named.effect.kind == "range_offset"
-    assert abs(named.parameters["offset_mm"] - 12.0) < 4 * named.stderr["offset_mm"]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.alike import MakeLayers, MakeSource
+from support.cameras import camera_of
 
 from tofmix.arrays import Float32Array
 from tofmix.flags import MixingLaw, Status
@@ -14,14 +15,13 @@ from tofmix.layers import Layers, LayersSource, Provenance
 from tofmix.sensor import NoiseCurve, Sensor
 
 CURVE = NoiseCurve(np.array([500.0, 3000.0, 7500.0]), np.array([9.0, 70.0, 430.0]))
-SENSOR = Sensor(
+SENSOR = camera_of(
+    CURVE.range_mm,
+    CURVE.sigma_mm,
+    reach_mm=(650.0, 7500.0),
+    fov_deg=(47.0, 39.0),
     name="test <camera>",
     modulation_frequency_hz=20.0e6,
-    range_min_mm=650.0,
-    range_max_mm=7500.0,
-    fov_horizontal_deg=47.0,
-    fov_vertical_deg=39.0,
-    noise=CURVE,
 )
 
 

@@ -15,8 +15,6 @@ from tofmix.report.comparison import (
     compare,
     compare_windows,
     format_comparison,
-    headline,
-    render_comparison,
 )
 from tofmix.sensor import Sensor
 
@@ -153,29 +151,6 @@ def test_table_and_json_have_the_same_numbers() -> None:
     assert text.endswith("\ndifferent")
     assert format_comparison(found, names=("a", "b"), allow=1.0).endswith("\nequal")
     assert found.as_dict()["options"] == {"gamma": (0.02, 0.1)}  # extra: NaN there, missing here
-
-
-@pytest.mark.slow
-def test_page_needs_no_other_file_and_is_repeatable() -> None:
-    a, b, found = _comparison()
-    page = render_comparison(a, b, comparison=found, window=None, names=("a.layers.h5", "b.layers.h5"))
-    assert page == render_comparison(a, b, comparison=found, window=None, names=("a.layers.h5", "b.layers.h5"))
-    assert headline(found) in page
-    assert page.count('src="data:image/') == 3
-    assert "http://" not in page.replace("http://www.w3.org", "")
-    assert "<b>.h5" not in page
-    assert "&lt;b&gt;.h5" in page
-    most = int(np.argmax(found.different_by_window))
-    assert f"The pictures show window {most} of 0 to 1" in page
-
-
-def test_page_without_any_layer_is_made() -> None:
-    layers = Layers.empty((1, 3, 3), 2)
-    a = Source(layers)
-    found = compare(a, a)
-    assert found.gap_median_mm is None
-    page = render_comparison(a, a, comparison=found, window=None, names=("a", "b"))
-    assert "All 9 pixels agree" in page
 
 
 def test_on_a_circle_layers_are_paired_in_the_order_round_it_that_differs_least() -> None:

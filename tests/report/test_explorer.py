@@ -123,50 +123,6 @@ def test_components_have_the_learnt_shape_and_a_gaussian_has_no_note(
     assert "shape" not in background
 
 
-def test_drift_of_pixels_is_noted_with_samples(
-    make_layers: MakeLayers, make_source: MakeSource, make_recording: MakeRecording
-) -> None:
-    note = "If the ranges of a pixel drift within the window"
-    for parts, recording, expected in (
-        (ALL, make_recording(), True),
-        (ALL, None, False),
-        (Parts(width_spread=0.2), make_recording(), False),
-    ):
-        found = made(make_source(make_layers(), sensor=camera(parts, (9, 11))), recording)
-        assert found is not None
-        assert (note in found.note) == expected
-
-
-@pytest.mark.parametrize("unit", [1.0, 0.1, 0.01, 1e-4, 1e-6, 1e-7])
-def test_numbers_come_back_to_half_a_unit(unit: float) -> None:
-    rng = np.random.default_rng(1)
-    values = rng.uniform(-1e8, 1e8, 200) * unit
-    values[[3, 5, 7]] = np.nan, np.inf, -np.inf
-    specs, text = pack_numbers({"first": (np.arange(7, dtype=np.uint8), 1.0), "a": (values.reshape(4, 50), unit)})
-    back = unpack({"arrays": specs, "data": text})
-    assert back["first"] == list(range(7))
-    known = np.isfinite(values)
-    assert [value is not None for value in back["a"]] == known.tolist()
-    found = np.array([value for value in back["a"] if value is not None])
-    np.testing.assert_allclose(found, values[known], rtol=0, atol=0.5001 * unit)
-
-
-def test_packed_numbers_round_like_text_within_their_bounds() -> None:
-    rng = np.random.default_rng(2)
-    values = np.append(rng.uniform(0, 8000, 3000), [0.125, 0.375, 2.5, 1000.005]).astype(np.float32)
-    specs, text = pack_numbers({"mm": (values, 0.01)})
-    shown = [f"{value:.2f}" for value in unpack({"arrays": specs, "data": text})["mm"]]
-    assert shown == [f"{float(value):.2f}" for value in values]
-    specs, text = pack_numbers({"a": (np.array([1e30, -1e30]), 0.01)})
-    high, low = unpack({"arrays": specs, "data": text})["a"]
-    assert high is not None
-    assert low is not None
-    assert high > 2e7
-    assert low < -2e7
-    specs, text = pack_numbers({"a": (np.empty(0), 1.0)})
-    assert unpack({"arrays": specs, "data": text}) == {"a": []}
-
-
 CURVE = NoiseCurve(np.array([500.0, 7500.0]), np.array([9.0, 430.0]))
 
 
@@ -200,25 +156,6 @@ def test_samples_come_back_exactly_and_stay_below_the_limit() -> None:
     assert len(packed.text) <= room + 3  # base64 fills up to fours
     expected = np.sort(samples.reshape(60, 30)[:, 7])
     np.testing.assert_allclose(unpacked(packed, 7, 30), expected, rtol=0, atol=packed.step_mm / 2)
-
-
-def test_fractions_long_ranges_and_little_room_are_rounded_as_far_as_needed() -> None:
-    samples = np.random.default_rng(4).normal(10, 30, (50, 2, 2))
-    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=50, noise=CURVE, characters=10**6)
-    assert packed is not None
-    assert packed.step_mm == 0.1
-    for pixel in range(4):
-        expected = np.sort(samples.reshape(50, 4)[:, pixel])
-        np.testing.assert_allclose(unpacked(packed, pixel, 4), expected, rtol=0, atol=0.0501)
-    samples = np.array([10.0, 400_000.0]).repeat(8).reshape(16, 1, 1)
-    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=16, noise=None, characters=10**6)
-    assert packed is not None
-    assert packed.step_mm == 8.0
-    np.testing.assert_allclose(unpacked(packed, 0, 1), np.sort(samples.ravel()), atol=4.0)
-    samples = np.random.default_rng(6).normal(4000, 400, (20, 2, 2)).round()
-    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=20, noise=None, characters=1)
-    assert packed is not None
-    assert packed.step_mm > 2000
 
 
 def test_frames_of_long_windows_are_thinned_evenly(make_recording: Callable[..., ArrayRecording]) -> None:

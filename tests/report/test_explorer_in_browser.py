@@ -130,25 +130,6 @@ def test_the_image_is_that_of_the_chosen_layer_and_window(browser: Tab, page: Pa
     assert browser.said == []
 
 
-def test_a_section_in_space_is_clicked_along_the_beam(browser: Tab, page: Path, windows: list[Layers]) -> None:
-    browser.said.clear()
-    browser.open(page, link="#pixel=4,5&drawn=space", ready=READY)
-    assert browser.text("#x-section text:last-of-type") == "z, away from the sensor (mm)"
-    for col in (7, 1):
-        browser.choose("#x-col", col)
-        # the middle of the chosen beam, as far as it is in view
-        x, y = browser.value(
-            "(() => {const svg = document.querySelector('#x-section'), line = svg.querySelector('.chosen');"
-            " const box = svg.viewBox.baseVal, at = (name) => Number(line.getAttribute(name));"
-            " const y = box.height / 2, share = (y - at('y1')) / (at('y2') - at('y1'));"
-            " return [(at('x1') + share * (at('x2') - at('x1'))) / box.width, y / box.height];})()"
-        )
-        browser.choose("#x-col", 4)
-        browser.click("#x-section", x, y)
-        check_pixel(browser, windows[0], 4, col)
-    assert browser.said == []
-
-
 def test_a_section_and_the_neighbours_can_be_clicked(browser: Tab, page: Path, windows: list[Layers]) -> None:
     browser.said.clear()
     browser.open(page, link="#pixel=4,5", ready=READY)
@@ -167,33 +148,6 @@ def test_a_section_and_the_neighbours_can_be_clicked(browser: Tab, page: Path, w
         " > paths.findLastIndex((path) => path.hasAttribute('fill-opacity'));})()"
     )
     assert browser.value(crosses_last), "averaged crosses are drawn over the layers' marks"
-    assert browser.said == []
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (1, 20), (20, 1)])
-@pytest.mark.parametrize("dark", [False, True])
-def test_pages_of_any_shape_load_in_both_themes(
-    browser: Tab,
-    shape: tuple[int, int],
-    *,
-    dark: bool,
-    make_layers: MakeLayers,
-    make_source: MakeSource,
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "page.html"
-    path.write_text(render_page(make_source(make_layers(shape), Layers.empty(shape, 4))), encoding="utf-8")
-    browser.said.clear()
-    browser.look(width=800, height=900, dark=dark)
-    browser.open(path, ready=READY)
-    box = browser.value(
-        "(() => {const b = document.querySelector('#x-plane').getBoundingClientRect(); return [b.width, b.height];})()"
-    )
-    assert min(box) >= 20
-    browser.choose("#x-window", 1)
-    browser.wait("location.hash.includes('window=1')")
-    assert "no layer" in browser.text("#x-said")
-    assert browser.value("document.documentElement.scrollWidth") <= 800
     assert browser.said == []
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 import pytest
 from support.recordings import reconciled
 
-from tofmix.reconciliation.words import in_words
 from tofmix.reconciliation.workflow import Reconciliation
 from tofmix.report.gap import render_gap
 from tofmix.sensors import load_profile
@@ -63,10 +62,6 @@ def test_page_shows_the_weighed_sets_with_the_answer_first(page: str, explained:
     assert len(rows) == len(explained.considered) > 1
 
 
-def test_words_of_an_effect_have_four_digits() -> None:
-    assert in_words(RangeOffset(offset_mm=9.123456)) == "every range is 9.123 mm longer"
-
-
 @pytest.mark.slow
 def test_pictures_show_the_largest_disagreements_and_each_statistic(page: str, explained: Reconciliation) -> None:
     curves = [title for title in _titles(page) if " against " in title]
@@ -76,20 +71,3 @@ def test_pictures_show_the_largest_disagreements_and_each_statistic(page: str, e
     assert {"bias", "spread", "skew", "tails", "trend", "common mode", "memory"} <= shown
     assert "discreteness against period" in curves
     assert re.search(rf'alt="{curves[0]}: \d+\.\d times noise alone before, \d\.\d after"', page) is not None
-
-
-@pytest.mark.slow
-def test_residual_maps_are_drawn_before_and_after(page: str) -> None:
-    assert [t for t in _titles(page) if "pixel," in t] == [f"residual of each pixel, {w}" for w in ("before", "after")]
-    maps = re.findall(r'<img src="(data:image/png.*?)" alt="map of the image: each pixel', page)
-    assert len(set(maps)) == 2
-    assert page.count(" sigma</span>") == 2
-
-
-@pytest.mark.slow
-def test_page_of_an_agreement_has_no_after() -> None:
-    page = render_gap(reconciled(MODEL, kinds=("range_offset", "surface_pose")), source="a.h5")
-    assert "Verdict: agree" in page
-    assert "No effect is named" in page
-    for words in ("What was missing", "Where they disagree", "Added to the model", "pixel, after"):
-        assert words not in page

@@ -3,7 +3,6 @@ import hashlib
 import io
 import re
 import sys
-import time
 from dataclasses import is_dataclass, replace
 from html.parser import HTMLParser
 from itertools import pairwise
@@ -17,7 +16,7 @@ from tofmix.errors import UsageError
 from tofmix.flags import Mixing, MixingLaw, Status
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
-from tofmix.report.page import headline, page_script, percent, render_page
+from tofmix.report.page import headline, page_script, render_page
 from tofmix.report.summary.summary import summarise
 from tofmix.sensor import Sensor
 
@@ -103,12 +102,6 @@ def test_a_page_holds_every_picture_with_its_words(
     assert "ab" * 32 in page.text
 
 
-@pytest.mark.slow
-def test_the_same_input_gives_the_same_page(make_layers: MakeLayers, make_source: MakeSource) -> None:
-    source = make_source(make_layers())
-    assert render_page(source) == render_page(source, summary=summarise(source))
-
-
 def test_names_are_escaped_and_unknown_sensors_shown(make_layers: MakeLayers, make_source: MakeSource) -> None:
     name = "\"><script>alert('x')</script>&amp;{{ 7 * 7 }}.h5"
     sensor = Sensor(name="<img src=x onerror=y>")
@@ -145,25 +138,6 @@ def test_page_without_any_surface_is_made(status: Status, make_source: MakeSourc
     assert "0 % see more than one surface, 100 % see none." in page.text
 
 
-@pytest.mark.slow
-def test_several_windows_show_the_chosen_one(
-    make_layers: MakeLayers, make_source: MakeSource, make_recording: MakeRecording
-) -> None:
-    source = make_source(*(make_layers(seed=k) for k in range(3)))
-    recording = make_recording((150, 9, 11))
-    first = Page(render_page(source, recording=recording))
-    assert "The pictures show window 0 of 0 to 2, frames 0 to 49" in first.text
-    third = Page(render_page(source, recording=recording, window=2))
-    assert "window 2 of 0 to 2, frames 100 to 149" in third.text
-    assert "3 windows of 50 frames" in third.text
-
-
-@pytest.mark.parametrize("window", [-1, 1])
-def test_windows_that_are_not_there_are_refused(window: int, make_layers: MakeLayers, make_source: MakeSource) -> None:
-    with pytest.raises(UsageError, match=f"window {window}: the file has windows 0 to 0"):
-        render_page(make_source(make_layers()), window=window)
-
-
 def test_another_recording_is_refused(make_layers: MakeLayers, make_source: MakeSource) -> None:
     sensor = Sensor(name="x")
     with pytest.raises(UsageError, match="8 x 11 pixels, the layers have 9 x 11"):
@@ -179,17 +153,6 @@ def test_missing_extra_is_named(
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(UsageError, match=r"the page needs matplotlib and jinja2: pip install 'tofmix\[report\]'"):
         render_page(make_source(make_layers()))
-
-
-@pytest.mark.slow
-def test_full_page_is_small_and_fast(
-    make_layers: MakeLayers, make_source: MakeSource, make_recording: MakeRecording
-) -> None:
-    source, recording = make_source(make_layers((144, 176), max_layers=6)), make_recording((50, 144, 176))
-    start = time.process_time()
-    text = render_page(source, recording=recording)
-    assert len(text) < 3_000_000
-    assert time.process_time() - start < 12.0  # about 2 s on a quiet core; slower ones must pass too
 
 
 LAW = MixingLaw(phasor_share=0.97, pixels=1234)
@@ -221,22 +184,6 @@ def test_file_with_mixing_has_a_map_of_it(make_layers: MakeLayers, make_source: 
         assert len(colours) == 4
         pairs = set(zip(place.ravel().tolist(), kinds.ravel().tolist(), strict=True))
         assert len(pairs) == 4  # each kind has a colour of its own
-
-
-def test_legend_and_map_of_mixing_have_the_kinds_that_occur(make_layers: MakeLayers, make_source: MakeSource) -> None:
-    source = make_source(replace(make_layers(), mixing=np.full((9, 11), int(Mixing.EVENTS), np.uint8)))
-    assert is_dataclass(source)
-    part = render_page(replace(source, law=LAW)).partition("<h2>Mixing</h2>")[2]
-    legend = part.partition('<ul class="legend">')[2].partition("</ul>")[0]
-    assert re.findall(r"</i>([^<]+)</li>", legend) == ["events"]
-
-
-@pytest.mark.parametrize(
-    ("share", "text"),
-    [(0.0, "0 %"), (0.001, "less than 1 %"), (0.134, "13 %"), (0.999, "more than 99 %"), (1.0, "100 %")],
-)
-def test_small_and_full_shares_are_written_in_words(share: float, text: str) -> None:
-    assert percent(share) == text
 
 
 def test_headline_counts_pixels_windows_and_surfaces(make_layers: MakeLayers, make_source: MakeSource) -> None:

@@ -110,12 +110,6 @@ def test_noise_follows_the_integration_time_in_any_number_of_steps(profile: Comp
         assert getattr(sensor, key) == getattr(profile, key)
 
 
-@pytest.mark.parametrize("tau", [0.0, -1.0, float("nan"), float("inf")])
-def test_noise_at_an_invalid_time_is_refused(profile: CompleteCamera, tau: float) -> None:
-    with pytest.raises(ValueError, match=r"^integration_time_ms: "):
-        profile.noise_at(tau)
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -299,28 +293,6 @@ def test_sr3000_is_the_papers_camera_and_marked_as_unconfirmed() -> None:
     assert any("UNCONFIRMED" in source for source in profile.sources)
     for range_mm, sigma_mm in [(300, 2.5), (1000, 6), (2000, 13), (3000, 24)]:
         assert float(profile.noise.sigma(range_mm)) == pytest.approx(sigma_mm)
-
-
-def test_sr4000_has_the_published_noise_and_no_range_better_than_a_shot_noise_law() -> None:
-    profile = load_profile("sr4000")
-    assert (profile.rows, profile.cols, profile.modulation_frequency_hz) == (144, 176, 30.0e6)
-    assert float(profile.noise_at(8.5).sigma(1300.0)) == pytest.approx(4.0)
-    assert float(profile.noise_at(9.75).sigma(1300.0)) == pytest.approx(3.7, abs=0.05)
-    ranges = np.linspace(profile.range_min_mm, profile.range_max_mm, 200)
-    law = 4.0 * np.maximum(ranges / 1300.0, (ranges / 1300.0) ** 2)
-    np.testing.assert_allclose(profile.noise.sigma(ranges), law, rtol=0.02)
-    assert profile.turn_mm("a test") == pytest.approx(4996.5, abs=0.1)
-
-
-def test_stoc_is_table_1_with_a_finite_range_and_the_noise_of_triangulation() -> None:
-    profile = load_profile("stoc")
-    assert (profile.rows, profile.cols) == (480, 640)
-    assert (profile.fov_horizontal_deg, profile.fov_vertical_deg) == (65.5, 51.5)
-    assert (profile.range_min_mm, profile.range_max_mm) == (686.0, 10_000.0)
-    ranges = np.linspace(686.0, 10_000.0, 200)
-    np.testing.assert_allclose(profile.noise_at(5.0).sigma(ranges), 0.1 * ranges**2 / (686 * 64), rtol=0.02)
-    for word in ("PUBLISHED", "CHOSEN", "DERIVED", "ASSUMED"):
-        assert any(word in source for source in profile.sources)
 
 
 def test_camera_without_phase_refuses_effects_on_the_phase_in_one_line() -> None:

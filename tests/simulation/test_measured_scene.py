@@ -5,30 +5,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.cameras import camera_of
 
 from tofmix.layers import Layers, layer_fields
 from tofmix.optics.projection import beam_directions_of
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.one.coordinates import Unnamed
-from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.simulation.casting.cast import by_neighbours, cast_scene
 from tofmix.simulation.effects.motion import Motion
-from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.exposure import equation_1
 from tofmix.simulation.measured_scene import OWN_ERROR, measured_scene
 from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.render import render_blocks
 
 ROWS, COLS, FRAMES = 6, 8, 50
-SENSOR = Sensor(
-    name="a",
-    fov_horizontal_deg=40.0,
-    fov_vertical_deg=30.0,
-    range_min_mm=0.0,
-    range_max_mm=4000.0,
-    integration_time_ms=1.0,
-    outlier_probability=0.0,
-    noise=NoiseCurve(np.array([1000.0]), np.array([4.0])),
+SENSOR = camera_of(
+    [1000.0], [4.0], reach_mm=(0.0, 4000.0), fov_deg=(40.0, 30.0), integration_time_ms=1.0, outlier_probability=0.0
 )
 
 
@@ -88,14 +80,6 @@ def test_motion_moves_ranges_along_the_beams_and_keeps_shares() -> None:
     expected = np.where(before.surface == 0, (100.0 / beams[..., 2])[..., None], 0.0)
     np.testing.assert_allclose(moved, expected, atol=1e-3)
     np.testing.assert_array_equal(after.weight_true, before.weight_true)
-
-
-def test_layers_are_from_near_to_far_after_a_pose() -> None:
-    model = replace(_model(), effects=(SurfacePose(surface="surface 1", shift_mm=600.0),))
-    truth = cast_scene(model)
-    assert (truth.surface[:, :3, 0] == 0).all()
-    assert (np.diff(truth.range_true[:, :3], axis=2) > 0).all()
-    np.testing.assert_allclose(truth.weight_true[:, :3, 0], 0.6, rtol=1e-6)
 
 
 def test_samples_have_the_shares_means_and_widths_that_were_measured() -> None:
@@ -185,17 +169,6 @@ def test_pixels_beside_a_surface_that_they_do_not_see_are_not_compared() -> None
     np.testing.assert_array_equal(scene.compared().share, scene.share)
 
 
-def test_a_neighbour_that_sees_nothing_is_another_surface() -> None:
-    scene = _model().scene
-    assert scene is not None
-    nothing = scene.no_return.copy()
-    nothing[0, COLS - 1] = 0.2
-    beside = replace(scene, no_return=nothing).beside_others
-    assert beside[0, COLS - 2]
-    assert beside[1, COLS - 1]
-    assert not beside[0, COLS - 1]
-
-
 def test_range_of_neighbours_has_no_error_of_the_pixel_itself() -> None:
     model = _model()
     assert model.scene is not None
@@ -211,15 +184,6 @@ def test_range_of_neighbours_has_no_error_of_the_pixel_itself() -> None:
     again, _ = by_neighbours(model, one)
     assert again.range_mm[2, 5, 0] == pytest.approx(smooth.range_mm[2, 5, 0])
     assert again.range_mm[2, 6, 0] != pytest.approx(smooth.range_mm[2, 6, 0])
-
-
-def test_flat_surfaces_keep_their_ranges() -> None:
-    model = _model()
-    assert model.scene is not None
-    smooth, apart = by_neighbours(model, model.scene)
-    np.testing.assert_allclose(smooth.range_mm, model.scene.range_mm, rtol=1e-6)
-    assert apart[-1].max() == 0
-    assert abs(apart).max() < 1e-2
 
 
 def test_law_of_range_moves_with_no_error_of_a_measured_range() -> None:
@@ -261,10 +225,3 @@ def test_width_at_rest_has_no_way_of_the_reference() -> None:
     own = model.scene.surface == 1
     assert (rest.width / model.scene.width)[own] == pytest.approx(m.sigma[0][m.surface[0] == 1] / 8.0, rel=0.01)
     assert (rest.width / model.scene.width)[model.scene.surface == 0] == pytest.approx(1.0)
-
-
-def test_scene_of_another_file_was_at_rest() -> None:
-    scene = Scene(_model(), np.arange(10) / 10)
-    moving = Motion(surface="surface 1", velocity_mm_s=20.0)
-    m = scene.mixture((moving,))
-    assert m.sigma[0][m.surface[0] == 1] == pytest.approx(8.0, rel=1e-3)

@@ -22,7 +22,6 @@ from tofmix.io import hdf5, sensor_group
 from tofmix.io.model_file import load_model
 from tofmix.noise_shape import NoiseShape
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
-from tofmix.simulation.averaging import exposures
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.events import event_table
@@ -32,7 +31,6 @@ from tofmix.simulation.model_toml import explain, parse_model
 from tofmix.simulation.render import recording_sensor, render_blocks
 
 SEED = 11
-GAUSSIAN_Z = np.linspace(-9.0, 9.0, 1801)
 SHAPES = {
     "skewed": skewed(),
     "long-tailed": long_tailed(),
@@ -73,23 +71,6 @@ def test_samples_have_the_distribution_of_the_shape(name: str) -> None:
     assert distance * np.sqrt(z.size) < LIMIT
     wrong = stats.ks_1samp(z.ravel(), stats.norm.cdf).statistic
     assert wrong * np.sqrt(z.size) > LIMIT  # the test can tell it from a Gaussian
-
-
-def test_gaussian_table_as_a_shape_draws_what_the_gaussian_draws() -> None:
-    """An independent way to the same samples: the quantile of a Gaussian's own chance is the number itself."""
-    table = NoiseShape(GAUSSIAN_Z, stats.norm.pdf(GAUSSIAN_Z))
-    plain, shaped = (frames(with_noise(model(), shape=shape), 30) for shape in (None, table))
-    assert np.abs(plain - shaped).max() <= 1.0  # a table has a step; sigma is up to 80 mm
-    assert (plain == shaped).mean() > 0.99
-
-
-@pytest.mark.parametrize("kind", ["no effect", "an effect", "averaged"])
-def test_parts_without_effect_change_no_sample(kind: str) -> None:
-    """A background of 0 takes the path of arrays, and a width of spread 0 none: samples are those without the keys."""
-    effects = '[[effect]]\nkind = "excess_noise"\nfactor = 1.3\n' if kind == "an effect" else ""
-    one, other = model("", effects), model("background = 0.0\nwidth_spread = 0.0", effects)
-    averaged = kind == "averaged"
-    np.testing.assert_array_equal(frames(one, 20, averaged=averaged), frames(other, 20, averaged=averaged))
 
 
 def test_without_parts_samples_are_those_of_equation_1_drawn_by_hand() -> None:
@@ -179,18 +160,6 @@ def test_background_has_its_share_in_each_pixel_and_the_truth_the_rest(effect: s
     assert np.abs((found - expected) / error).max() < 4.5  # of 96 pixels: one such test in 1500 is beyond
     total = np.nansum(seen.weight_true, axis=-1) + seen.weight_no_return
     np.testing.assert_allclose(total, 1.0 - share, atol=1e-6)
-
-
-def test_background_is_uniform_over_the_working_range() -> None:
-    empty = model_text("background = 0.4").split("[[surface]]", maxsplit=1)[0]
-    scene = parse_model(empty, source="empty")
-    samples = frames(scene, 200)
-    low, high = scene.sensor.range_min_mm, scene.sensor.range_max_mm
-    end = high - 8 * float(scene.sensor.noise_at(2.0).sigma(high))
-    random = samples[samples < end]
-    assert random.size == pytest.approx(samples.size * 0.41 * (end - low) / (high - low), rel=0.03)
-    spread = random + np.random.default_rng(2).uniform(-0.5, 0.5, random.size)
-    assert stats.kstest(spread, "uniform", (low, end - low)).statistic * np.sqrt(random.size) < LIMIT
 
 
 PARTS = shape_keys(SHAPES["skewed"]) + "width_spread = 0.2\nbackground = 0.05\n"
@@ -375,15 +344,6 @@ def test_the_prediction_has_the_same_noise() -> None:
     assert stats.kstest(plain.ravel(), "uniform").pvalue < 1e-9
 
 
-def test_parts_of_an_averaged_frame_have_the_noise_of_their_own_time() -> None:
-    """The last 0.5 ms of 8.5: a quarter of the amplitude, and of those of the law, so that sigma is twice as large."""
-    scene = model_amplitude()
-    table = event_table(cast_scene(scene), scene.sensor)
-    parts = exposures(table, scene.sensor)
-    assert [part.fraction for part in parts] == [1.0] * 4 + [pytest.approx(0.25)]
-    np.testing.assert_allclose(parts[-1].sigma_mm, 2.0 * parts[0].sigma_mm, rtol=1e-6)
-
-
 def test_a_recording_has_the_law_at_its_integration_time() -> None:
     for averaged, tau in ((False, 2.0), (True, 8.5)):
         sensor = recording_sensor(model_amplitude(), averaged=averaged)
@@ -497,13 +457,6 @@ def test_ranges_are_those_without_noise_in_amplitudes(
     assert (amplitude != light)[light > 0].mean() > 0.99
 
 
-def test_blocks_and_threads_change_no_amplitude(bench: Bench) -> None:
-    for effects in ((), (effect("temporal_correlation", coefficient=0.5),)):
-        model = bench.boards(*effects, frames=1).model
-        one, other = frames_of_amplitudes(model), frames_of_amplitudes(model, block_frames=7, threads=3)
-        np.testing.assert_array_equal(one[1], other[1])
-
-
 def test_noise_of_amplitudes_has_the_memory_of_ranges_and_needs_a_frequency(bench: Bench) -> None:
     recorded = bench.wall(effect("temporal_correlation", coefficient=0.6), frames=1)
     _, amplitude = frames_of_amplitudes(recorded.model)
@@ -517,16 +470,3 @@ def test_noise_of_amplitudes_has_the_memory_of_ranges_and_needs_a_frequency(benc
         recorded = bench.wall(*effects, frames=1, modulation_frequency_hz=None)
         _, amplitude = frames_of_amplitudes(recorded.model)
         np.testing.assert_array_equal(amplitude, np.broadcast_to(recorded.true_amplitude, amplitude.shape))
-
-
-def test_a_mean_has_the_noise_of_its_exposures(bench: Bench) -> None:
-    """Of the whole time: with the exponent 0.5, sigma falls with the root of it."""
-    base = bench.wall(frames=1)
-    sensor = replace(base.model.sensor, default_integration_time_ms=10.0, exponent=0.5)
-    model = replace(base.model, sensor=sensor)
-    _, amplitude = frames_of_amplitudes(model, averaged=True)
-    with light_alone():
-        _, light = frames_of_amplitudes(model, averaged=True)
-    whole = base.true_amplitude * 10.0 / 1.2
-    z = (amplitude - light) / (whole * base.sigma(base.true_mm) * (1.2 / 10.0) ** 0.5 * 2 * math.pi / TURN)
-    assert (z**2).mean() == pytest.approx(1, abs=4 * (2 / z.size) ** 0.5)

@@ -7,17 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import stats
 from support.effect_bench import BOARDS as THREE_BOARDS
-from support.effect_bench import rendering_peak
 
 from tofmix.errors import BadInputError
-from tofmix.simulation import builtin_text
 from tofmix.simulation.averaging import exposure_times
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.events import EventSamples, EventTable, Truth, draw, event_table, frame_generator, stored_range
 from tofmix.simulation.model import Model
-from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.render import FrameBlock, recording_sensor, render_blocks
 from tofmix.simulation.surface import Surface
 
@@ -56,38 +53,6 @@ def test_frames_differ_and_do_not_depend_on_those_that_follow(make_model: MakeMo
     assert len({frame.tobytes() for frame in ranges}) == 50
 
 
-def _equation_1(model: Model, truth: Truth, r: Floats) -> Floats:
-    """Cumulative distribution (frame, pixel) at r (frame, pixel): the contract's equation (1), integrated."""
-    s = model.sensor
-    sigma = s.noise.scaled((10.0 / 1.2) ** 0.5).sigma
-    total = s.outlier_probability * np.clip((r - s.range_min_mm) / (s.range_max_mm - s.range_min_mm), 0.0, 1.0)
-    total += truth.weight_no_return.ravel() * special.ndtr((r - s.range_max_mm) / sigma(s.range_max_mm))
-    for layer in range(truth.range_true.shape[2]):
-        seen = layer < truth.n_modes.ravel()
-        mu = truth.range_true[..., layer].ravel()[seen].astype(np.float64)
-        total[:, seen] += truth.weight_true[..., layer].ravel()[seen] * special.ndtr((r[:, seen] - mu) / sigma(mu))
-    return total
-
-
-@pytest.mark.slow
-def test_p_values_of_2000_pixels_against_equation_1_are_uniform() -> None:
-    """The scene of the paper in pixels of one degree, so that one in eight is mixed; +-0.5 mm undoes the rounding."""
-    scene = parse_model(builtin_text("three-boards"), source="three-boards")
-    model = replace(scene, sensor=replace(scene.sensor, rows=40, cols=50, outlier_probability=0.02))
-    truth = cast_scene(model)
-    assert ((truth.n_modes + (truth.weight_no_return > 0)) > 1).sum() > 250
-    stored = frames(model, 1000)[0].reshape(1000, -1).astype(np.float64)
-    p_uniform = np.sort(
-        _equation_1(model, truth, stored + np.random.default_rng(0).uniform(-0.5, 0.5, stored.shape)), 0
-    )
-    rank = np.arange(1000)[:, np.newaxis] / 1000
-    distance = np.maximum(p_uniform - rank, rank + 1e-3 - p_uniform).max(axis=0)
-    p = stats.kstwo.sf(distance, 1000)
-    assert p.size == 2000
-    assert stats.kstest(p, "uniform").pvalue > 1e-3
-    assert p.min() > 1e-3 / p.size
-
-
 def test_blocks_follow_each_other(make_model: MakeModel) -> None:
     model = make_model(*BOARDS)
     blocks = list(render_blocks(model, cast_scene(model), n_frames=25, seed=1, block_frames=10))
@@ -100,15 +65,6 @@ def test_blocks_follow_each_other(make_model: MakeModel) -> None:
             "float32",
             "float64",
         ]
-
-
-@pytest.mark.slow
-def test_memory_does_not_grow_with_the_number_of_frames(make_model: MakeModel) -> None:
-    model = make_model(*BOARDS)
-    truth = cast_scene(model)
-    rendering_peak(model, truth, 50, block_frames=50)
-    most, few = (rendering_peak(model, truth, frames, block_frames=50) for frames in (2000, 100))
-    assert most < 1.5 * few
 
 
 @pytest.mark.parametrize("option", ["n_frames", "block_frames", "threads", "seed"])
@@ -128,14 +84,6 @@ def test_an_error_in_a_thread_is_raised(make_model: MakeModel, monkeypatch: pyte
     monkeypatch.setattr("tofmix.simulation.render.stored_range", broken)
     with pytest.raises(MemoryError):
         next(blocks)
-
-
-def test_sensor_is_the_models(make_model: MakeModel) -> None:
-    model = make_model(*BOARDS)
-    sensor = recording_sensor(model)
-    assert (sensor.name, sensor.range_max_mm, sensor.outlier_probability) == ("SR-3000", 7500.0, 1e-4)
-    assert sensor.noise is not None
-    np.testing.assert_allclose(sensor.noise.sigma(2000.0), 13 * (10 / 1.2) ** 0.5)
 
 
 Drawn = tuple[Model, Truth, EventTable, list[EventSamples]]
@@ -162,12 +110,6 @@ def drawn() -> Drawn:
     table = event_table(truth, sensor)
     sigma = table.sigma(sensor.noise_at(1.2))
     return model, truth, table, [draw(table, sigma_mm=sigma, rng=frame_generator(7, k)) for k in range(FRAMES)]
-
-
-def test_the_scene_of_this_module_has_pixels_of_all_kinds(drawn: Drawn) -> None:
-    _, truth, _, _ = drawn
-    assert set(np.unique(truth.n_modes)) == {0, 1, 2, 3}
-    assert ((truth.weight_no_return > 0.05) & (truth.n_modes > 0)).any()
 
 
 def _cdf(model: Model, truth: Truth, pixel: int, r: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -242,24 +184,6 @@ def test_frames_and_pixels_are_independent(drawn: Drawn) -> None:
     n = z[1:].size
     assert abs((z[1:] * z[:-1]).sum()) / np.sqrt(n) < 4
     assert abs((z[:, 1:] * z[:, :-1]).sum()) / np.sqrt(n) < 4
-
-
-def test_a_pixel_without_a_gap_never_lacks_a_return(three_boards: tuple[Model, Truth]) -> None:
-    """Shares are float32; what rounding leaves must not become a no-return."""
-    model, truth = three_boards
-    threshold = event_table(truth, model.sensor).threshold
-    full = (truth.weight_no_return == 0).ravel()
-    np.testing.assert_array_equal(threshold[-2, full], threshold[-1, full])
-    assert (np.diff(threshold, axis=0) >= 0).all()
-
-
-def test_streams_differ_and_stored_ranges_are_the_nearest_whole_mm() -> None:
-    draws = {frame_generator(seed, frame).random() for seed in range(20) for frame in range(20)}
-    assert len(draws) == 400
-    assert frame_generator(3, 4).random() == frame_generator(3, 4).random()
-    stored = stored_range(np.array([-50.0, 0.2, 1.4, 1.6, 2400.5001, 65_533.6, 1e9]))
-    np.testing.assert_array_equal(stored, [1, 1, 1, 2, 2401, 65_534, 65_534])
-    assert stored.dtype == np.uint16
 
 
 def test_truth_of_another_camera_is_refused(drawn: Drawn, make_model: MakeModel) -> None:

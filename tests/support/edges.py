@@ -10,7 +10,8 @@ import numpy as np
 from blind.camera import Device
 from blind.geometry import Surface, View
 
-from support.lock_in import RANGES_MM, made
+from support.counts import counted_layers
+from support.lock_in import made, sensor_of
 from support.plates import FULL, PARTS, Plate, Scene, scene
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.estimation.blocks.sequence import estimate_layers
@@ -18,7 +19,7 @@ from tofmix.estimation.settings import EstimateOptions
 from tofmix.flags import mixing_name
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
-from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensor import Sensor
 
 NOTHING = -1
 """Number of no surface in the truth."""
@@ -40,18 +41,8 @@ SCALE_MM = DEVICE.unambiguous_mm / (2 * np.pi)
 
 
 def camera(view: View = FULL) -> Sensor:
-    """The camera of all scenes, with the noise of `blind.camera.Device`."""
-    ranges = np.array(RANGES_MM)
-    return Sensor(
-        name=DEVICE.name,
-        modulation_frequency_hz=DEVICE.frequency_hz,
-        range_min_mm=DEVICE.range_min_mm,
-        range_max_mm=DEVICE.range_max_mm,
-        fov_horizontal_deg=view.fov_horizontal_deg,
-        fov_vertical_deg=view.fov_vertical_deg,
-        outlier_probability=DEVICE.outlier_probability,
-        noise=NoiseCurve(ranges, DEVICE.design_sigma(ranges)),
-    )
+    """The camera of all scenes."""
+    return sensor_of(DEVICE, (view.fov_horizontal_deg, view.fov_vertical_deg))
 
 
 def recorded(
@@ -126,32 +117,10 @@ def counted(one: Scene, frames: int, seed: int, *, max_layers: int = 6) -> Layer
     """Layers as an estimator would find them that knows the surface of each sample: counts and means of them."""
     rng = np.random.default_rng([seed, 6])
     truth = one.truth
-    share = np.moveaxis(truth.share, 0, -1)
-    nothing = np.maximum(0.0, 1.0 - share.sum(axis=-1, keepdims=True))
-    chances = np.concatenate([share, nothing], axis=-1)
-    count = rng.multinomial(frames, chances / chances.sum(axis=-1, keepdims=True))
-    ranges = np.where(count[..., :-1] > 0, np.moveaxis(truth.range_mm, 0, -1), np.inf)
-    order = np.argsort(ranges, axis=-1, kind="stable")[..., :max_layers]
-    number = np.take_along_axis(count[..., :-1], order, -1).astype(float)
-    there = number > 0
-    number[~there] = np.nan
-    mean = np.where(there, np.take_along_axis(ranges, order, -1), np.nan)
-    sigma = DEVICE.design_sigma(mean)
-    weight = number / frames
-    out = Layers.empty(truth.share.shape[1:], order.shape[-1])
-    out.n_modes[...] = out.n_peaks[...] = there.sum(axis=-1)
-    out.range_stderr[...] = sigma / np.sqrt(number)
-    out.range[...] = mean + rng.standard_normal(mean.shape) * out.range_stderr
-    out.sigma[...] = sigma
-    out.weight[...] = weight
-    # As for one count in all frames where all are of one surface: a share is never known exactly.
-    out.weight_stderr[...] = np.sqrt(np.maximum(weight * (1 - weight), 1 / frames) / frames)
-    out.probability[...] = np.where(there, 1.0, np.nan)
-    out.weight_no_return[...] = count[..., -1] / frames
-    out.weight_outlier[...] = 0.0
-    out.log_likelihood[...] = 0.0
-    out.n_samples[...] = frames - count[..., -1]
-    return out
+    nothing = np.maximum(0.0, 1.0 - truth.share.sum(axis=0))
+    return counted_layers(
+        truth.share, truth.range_mm, nothing, DEVICE.design_sigma, samples=frames, rng=rng, most=max_layers
+    )
 
 
 @dataclass(slots=True, kw_only=True)

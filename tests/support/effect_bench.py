@@ -1,6 +1,5 @@
 """Two scenes for effects: a slanted wall, whose every pixel sees one surface, and three boards with mixed pixels."""
 
-import tracemalloc
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -138,13 +137,3 @@ class Bench:
 def neutral_values(kind: type[Effect]) -> dict[str, float]:
     """Each parameter at which an effect vanishes, with that value."""
     return {name: p.zero for name, p in kind.parameters().items() if p.zero is not None}
-
-
-def rendering_peak(model: Model, truth: Truth, n_frames: int, *, block_frames: int) -> int:
-    """Most bytes that Python holds while frames are rendered in blocks."""
-    tracemalloc.start()
-    for _ in render_blocks(model, truth, n_frames=n_frames, seed=1, block_frames=block_frames):
-        pass
-    most = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    return most

@@ -3,16 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from support.cameras import camera_of
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.sensor import NoiseCurve, Sensor
 
 TOP_MM, BASE_MM, SLOPE = 7000.0, 5.0, 0.003
-SENSOR = Sensor(
-    name="filtered",
-    range_min_mm=300.0,
-    range_max_mm=TOP_MM,
-    noise=NoiseCurve(np.array([0.0, TOP_MM]), BASE_MM + SLOPE * np.array([0.0, TOP_MM])),
-)
+SENSOR = camera_of([0.0, TOP_MM], BASE_MM + SLOPE * np.array([0.0, TOP_MM]), reach_mm=(300.0, TOP_MM))
 FIRST = 60
 """Frames before the first stored one: the filter has forgotten its start."""
 

@@ -16,11 +16,12 @@ from blind.camera import Device, Exposure, Mechanism, record
 from blind.effects import OneFrequency, WholeBeam
 from blind.geometry import Beams, Surface, cast
 
+from support.cameras import camera_of
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
-from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensor import Sensor
 
 FULL = (144, 176, 47.0, 39.0)
 """Rows, columns and fields of view (horizontal, vertical; degrees) of an SR-3000."""
@@ -215,6 +216,19 @@ class Scene:
         return self.recording.sensor
 
 
+def sensor_of(device: Device, fov_deg: tuple[float, float]) -> Sensor:
+    """The camera, with the noise of `blind.camera.Device`."""
+    return camera_of(
+        RANGES_MM,
+        device.design_sigma(np.array(RANGES_MM)),
+        reach_mm=(device.range_min_mm, device.range_max_mm),
+        fov_deg=fov_deg,
+        name=device.name,
+        modulation_frequency_hz=device.frequency_hz,
+        outlier_probability=device.outlier_probability,
+    )
+
+
 def made(
     surfaces: list[Surface],
     seed: int,
@@ -240,18 +254,7 @@ def made(
     mechanisms += [Texture(texture, seed)] if texture else []
     mechanisms += [OneFrequency()] if wraps else []
     raw = record(device, surfaces, mechanisms, seed=seed)
-    top = device.range_max_mm
-    sensor = Sensor(
-        name=device.name,
-        modulation_frequency_hz=frequency_hz,
-        range_min_mm=device.range_min_mm,
-        range_max_mm=top,
-        fov_horizontal_deg=view[2],
-        fov_vertical_deg=view[3],
-        outlier_probability=device.outlier_probability,
-        noise=NoiseCurve(np.array(RANGES_MM), device.design_sigma(np.array(RANGES_MM))),
-    )
-    recording = ArrayRecording(raw.range_mm, sensor, amplitude=raw.amplitude)
+    recording = ArrayRecording(raw.range_mm, sensor_of(device, view[2:]), amplitude=raw.amplitude)
     return Scene(recording=recording, beams=cast(surfaces, device.view), device=device)
 
 

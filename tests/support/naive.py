@@ -94,27 +94,6 @@ def log_likelihood(
     return float(np.log(mixture_density(samples, mean, sigma, all_shares[:k], no_return, sensor)).sum())
 
 
-def plain_log_likelihood(samples: Array, weight: Array, mean: Array, sigma: Array) -> float:
-    """Log likelihood of a plain Gaussian mixture."""
-    return float(np.log((weight * norm.pdf(samples[:, None], mean, sigma)).sum(1)).sum())
-
-
-def plain_em(
-    samples: Array, mean: Array, sigma: Array, *, equal: bool, floor: float, iterations: int
-) -> tuple[Array, Array, Array]:
-    """Textbook EM of a plain Gaussian mixture from equal weights; returns weights, means, sigmas."""
-    weight = np.full(len(mean), 1 / len(mean))
-    for _ in range(iterations):
-        share = weight * norm.pdf(samples[:, None], mean, sigma) + 1e-300
-        share /= share.sum(1, keepdims=True)
-        support = share.sum(0)
-        mean = (share * samples[:, None]).sum(0) / support
-        squares = (share * (samples[:, None] - mean) ** 2).sum(0)
-        variance = np.full(len(mean), squares.sum() / len(samples)) if equal else squares / support
-        weight, sigma = support / len(samples), np.maximum(np.sqrt(variance), floor)
-    return weight, mean, sigma
-
-
 def light(
     beams: Beams, pose: Pose, grid: VoxelGrid, *, rays: int, direction: Callable[[float, float], Array] | None = None
 ) -> tuple[Array, Array]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tofmix as tm
+from support.counts import counted_layers
 from tofmix.layers import Layers
 from tofmix.optics.pinhole import Pinhole
 from tofmix.sensor import Sensor
@@ -261,27 +262,8 @@ def counted(things: Sequence[Thing], *, stderr_mm: float, seed: int = 1, samples
     """Layers as an estimator finds them that knows the thing of each sample: counts, and mean ranges with errors."""
     draw = np.random.default_rng(seed)
     seen = cast(things)
-    chances = np.concatenate([np.moveaxis(seen.share, 0, -1), seen.nothing[..., np.newaxis]], axis=-1)
-    count = draw.multinomial(samples, chances / chances.sum(axis=-1, keepdims=True))
-    ranges = np.where(count[..., :-1] > 0, np.moveaxis(seen.lit_mm, 0, -1), np.inf)
-    order = np.argsort(ranges, axis=-1, kind="stable")
-    number = np.take_along_axis(count[..., :-1], order, -1).astype(float)
-    there = number > 0
-    number[~there] = np.nan
-    mean = np.where(there, np.take_along_axis(ranges, order, -1), np.nan)
-    out = Layers.empty(mean.shape[:2], mean.shape[2])
-    weight = number / samples
-    out.n_modes[...] = out.n_peaks[...] = there.sum(axis=-1)
-    out.range_stderr[...] = stderr_mm * np.sqrt(samples / number)
-    out.range[...] = mean + draw.standard_normal(mean.shape) * out.range_stderr
-    out.sigma[...] = stderr_mm * np.sqrt(samples)
-    out.weight[...] = weight
-    out.weight_stderr[...] = np.sqrt(np.maximum(weight * (1 - weight), 1 / samples) / samples)
-    out.probability[...] = np.where(there, 1.0, np.nan)
-    out.weight_no_return[...] = count[..., -1] / samples
-    out.weight_outlier[...] = out.log_likelihood[...] = 0.0
-    out.n_samples[...] = samples - count[..., -1]
-    return out
+    sigma = stderr_mm * np.sqrt(samples)
+    return counted_layers(seen.share, seen.lit_mm, seen.nothing, lambda _: sigma, samples=samples, rng=draw)
 
 
 def thing_at(things: Sequence[Thing], row: Floats, col: Floats) -> NDArray[np.int64]:

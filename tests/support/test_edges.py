@@ -1,26 +1,21 @@
 """The judges of edges, held against closed forms and against the caster of tests/blind."""
 
-import math
-
 import numpy as np
 import pytest
 from blind.geometry import View, cast
 
-from support.edge_rivals import RIVALS, reach_of_area, youngs_points
+from support.edge_rivals import reach_of_area, youngs_points
 from support.edges import (
-    between,
     camera,
     counted,
     drawn,
-    judge_links,
     judge_parts,
     judge_places,
-    matched,
     mixed,
     wrong_parts,
 )
 from support.lock_in import two_boards
-from support.plates import PARTS, Plate, Scene, facing, half_plane, scene, wall
+from support.plates import Plate, Scene, half_plane, scene
 
 TINY = View(rows=16, cols=20, fov_horizontal_deg=5.34, fov_vertical_deg=4.3, range_max_mm=7000.0)
 
@@ -45,15 +40,6 @@ def test_shares_of_a_half_plane_are_the_areas_behind_its_edge(half: Scene) -> No
     share = half.truth.share[0, row, col]
     slope /= np.linalg.norm(slope, axis=-1, keepdims=True)
     np.testing.assert_allclose(reach_of_area(slope, share), -away, atol=3e-3)
-
-
-def test_area_of_a_disk_is_pi_r_squared() -> None:
-    disk = facing(TINY, 7.3, 9.8, 2000.0, size_pixels=(9.0, 9.0), outline="disk")
-    one = scene([disk, wall(4000.0)], TINY)
-    wide, high = TINY.cell_rad
-    expected = math.pi * 4.5**2 * wide / high  # sizes are in pixel widths
-    assert one.truth.share[0].sum() == pytest.approx(expected, rel=1e-3)
-    assert (one.truth.part_surface == 0).sum() / PARTS**2 == pytest.approx(expected, rel=5e-3)
 
 
 def test_shares_and_ranges_of_rectangles_are_those_of_the_other_caster() -> None:
@@ -81,14 +67,6 @@ def test_truth_is_judged_without_a_fault_and_a_wall_alone_by_the_nearer_shares(h
     assert judge_parts(half, far, 100).none == 0.0
 
 
-def test_rivals_are_better_the_more_they_use(half: Scene) -> None:
-    layers = counted(half, 100_000, 1)
-    wrong = {name: judge_parts(half, way(half, layers), 100).mean for name, way in RIVALS.items()}
-    assert wrong["whole pixels"] == pytest.approx(half.truth.share[:, mixed(half, 100)].min(axis=0).mean(), abs=0.01)
-    assert wrong["Youngs"] < wrong["bilinear"] < wrong["whole pixels"]
-    assert wrong["Youngs"] < 0.03
-
-
 def test_points_of_a_true_edge_are_on_it_and_moved_ones_off_by_as_much(half: Scene) -> None:
     row, col = youngs_points(half, counted(half, 1_000_000, 1))
     near = judge_places(half, 100, row, col)
@@ -97,30 +75,6 @@ def test_points_of_a_true_edge_are_on_it_and_moved_ones_off_by_as_much(half: Sce
     off = half.plates[0].edge_distance(TINY, row, col)
     assert judge_places(half, 100, row, col, np.full(len(row), near.rms)).z_rms == pytest.approx(1.0)
     assert near.rms == pytest.approx(float(np.sqrt(np.mean(off**2))))
-
-
-def test_edges_between_other_surfaces_do_not_match_the_true_edge(half: Scene) -> None:
-    layers = counted(half, 100, 2)
-    true = matched(half, layers)
-    near, far = np.array([7, 7, 3, -1, 7]), np.array([3, 7, 7, 3, -1])
-    surface = np.where(true == 0, 7, np.where(true == 1, 3, -1))
-    np.testing.assert_array_equal(between(half, layers, surface, near, far), [True, False, False, False, False])
-
-
-def test_links_of_the_truth_are_pure_and_whole_and_halves_are_not(half: Scene) -> None:
-    layers = counted(half, 100, 2)
-    true = matched(half, layers)
-    links = judge_links(half, layers, true)
-    assert (links.purity, links.completeness) == (1.0, 1.0)
-    one = judge_links(half, layers, np.where(true >= 0, 0, -1))
-    sizes = np.bincount(true[true >= 0])
-    assert one.purity == pytest.approx(sizes.max() / sizes.sum())
-    assert one.completeness == 1.0
-    torn = np.where(true == 1, np.where(np.arange(20)[:, np.newaxis] % 2, 1, 2), true)
-    assert judge_links(half, layers, torn).purity == 1.0
-    left = sizes[1] - (torn == 2).sum()
-    whole = sizes[0] + max(left, sizes[1] - left)
-    assert judge_links(half, layers, torn).completeness == pytest.approx(whole / sizes.sum())
 
 
 @pytest.mark.parametrize("q", [0.0, 1.0])

@@ -25,10 +25,8 @@ from tofmix.flags import Mixing
 from tofmix.layers import Layers
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.sensor_schema import ShareLaw
-from tofmix.surfaces.edge_run import is_of_run
 from tofmix.surfaces.edge_shape import ARC, chord, chord_outside, covered, covered_by_both, covered_by_three, predict
 from tofmix.surfaces.reconstruct import reconstruct
-from tofmix.surfaces.settings import EdgeSettings
 
 BY_NAME = {case.name: case for case in CASES}
 CURVE = NoiseCurve(
@@ -74,14 +72,6 @@ def test_detections_of_a_bright_board_move_its_edges_until_the_law_is_known(brig
     assert errors_of(reconstruct(bright.layers, bright.sensor).edges).median < -0.15
     known = replace(bright.sensor, share_law=ShareLaw.DETECTIONS)
     assert abs(errors_of(reconstruct(bright.layers, known).edges).median) < 0.02
-
-
-@pytest.mark.slow
-def test_equal_brightness_makes_detections_areas() -> None:
-    same = Case("same light", ShareLaw.DETECTIONS, 1.0, 1.0)
-    found = errors_of(edges_of(known(same, seed=7, texture=0.0), ShareLaw.DETECTIONS))
-    assert abs(found.median) < 0.01
-    assert found.within >= 0.9
 
 
 def test_without_amplitudes_or_a_law_shares_stand_for_areas_and_are_counted(bright: Bright) -> None:
@@ -137,13 +127,6 @@ def test_area_under_an_arc_is_that_of_its_circle(radius: float, most: float) -> 
         out = np.zeros(7)
         predict(ARC, angle, offset, 1.0 / radius, _pixel(row, col), out, np.zeros((3, 8, 2)))
         assert out[0] == pytest.approx(within.mean(), abs=most)
-
-
-def test_other_side_of_a_circle_is_not_of_an_arcs_run() -> None:
-    fit = np.zeros(11)
-    fit[3] = 1.0 / 4.0  # curvature; the circle's other side is 8 pixels along the normal
-    assert is_of_run(ARC, fit, 1.0, 0.0, _pixel(0.0, 0.0), 2.0, 2.0, EdgeSettings())
-    assert not is_of_run(ARC, fit, 1.0, 0.0, _pixel(8.0, 0.0), 2.0, 2.0, EdgeSettings())
 
 
 _PLACES = (np.arange(400) + 0.5) / 400 - 0.5

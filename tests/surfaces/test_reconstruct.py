@@ -1,11 +1,10 @@
 """Edges below a pixel and the fine range image against truth by fine casting, short edges among them."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
-from support.edges import between, by_parts, camera, counted, drawn, estimated, judge_parts, judge_places, wrong_parts
+from support.edges import between, by_parts, camera, counted, judge_parts, judge_places, wrong_parts
 from support.plates import (
     SMALL,
     Plate,
@@ -22,7 +21,6 @@ from support.plates import (
 )
 
 from tofmix.arrays import FloatArray
-from tofmix.bounds import declared
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
 from tofmix.sensor import Sensor
@@ -63,22 +61,6 @@ def test_points_of_a_half_planes_edge_are_right_within_their_errors() -> None:
     assert total.covered > 0.99
     assert total.rms < 0.025  # pixels; one pixel by itself tells 0.041
     assert 0.6 < total.z_rms < 1.5  # points of an edge are not independent
-
-
-@pytest.mark.slow
-def test_errors_of_edges_are_right_where_shares_are_unmixed() -> None:
-    total = None
-    for seed in range(1, 7):
-        one = scene(half_plane(np.random.default_rng([seed, 3]), SMALL), SMALL)
-        layers = estimated(drawn(one, 50, seed, q=1.0))
-        found = reconstruct(layers, camera(SMALL))
-        edges = found.edges
-        ours = between(one, layers, found.surface, edges.near, edges.far)
-        places = judge_places(one, 50, edges.row[ours], edges.col[ours], edges.stderr[ours])
-        total = places if total is None else total + places
-    assert total is not None
-    assert total.points > 300
-    assert 0.6 < total.z_rms < 1.4  # errors of a whole edge are alike: six edges
 
 
 @pytest.mark.parametrize(
@@ -159,15 +141,6 @@ def test_undecided_pixels_get_the_surfaces_of_their_neighbours() -> None:
     assert set(np.unique(found.surface_fine[parts])) == {0, 1}
 
 
-def test_same_layers_give_the_same_bytes() -> None:
-    layers = counted(scene(lattice(np.random.default_rng(4), SMALL), SMALL), 100, 1)
-    first, second = (reconstruct(layers, camera(SMALL)) for _ in range(2))
-    assert (layers.n_modes > 2).sum() > 10
-    assert first.range_fine.tobytes() == second.range_fine.tobytes()
-    assert first.edges.row.tobytes() == second.edges.row.tobytes()
-    assert first.planes.normal.tobytes() == second.planes.normal.tobytes()
-
-
 def test_points_of_a_straight_edge_lie_on_one_plane_through_the_camera() -> None:
     plate = Plate(center_mm=(50.0, 0.0, 1800.0), outline="half-plane", roll_deg=30.0)
     layers = counted(scene([plate, wall(3000.0)], SMALL), 400, 1)
@@ -189,28 +162,6 @@ def test_layers_without_optics_are_refused_and_settings_bound_a_surface() -> Non
     found = reconstruct(layers, camera(SMALL), settings=SurfaceSettings(link=link))
     assert len(found.planes) == len(found.edges) == 0
     assert (found.surface == NO_SURFACE).all()
-
-
-@pytest.mark.compiled("reconstructs 30 times")
-def test_infinite_thresholds_and_loops_of_no_rounds_work() -> None:
-    """An infinite threshold does what a very large one does."""
-    layers = counted(scene(half_plane(np.random.default_rng(1), SMALL), SMALL), 100, 1)
-
-    def fine(part: str, **values: float) -> FloatArray:
-        made: Any = type(getattr(SurfaceSettings(), part))
-        settings = SurfaceSettings(**{part: made(**values)})
-        return np.asarray(reconstruct(layers, camera(SMALL), factor=4, settings=settings).range_fine, np.float64)
-
-    tried = 0
-    for part, settings in SurfaceSettings()._asdict().items():
-        kind: Any = type(settings)
-        for name, field in declared(kind).items():
-            if field.bounds is not None and field.bounds.infinite:
-                np.testing.assert_array_equal(fine(part, **{name: math.inf}), fine(part, **{name: 1e12}), err_msg=name)
-                tried += 1
-    assert tried > 10
-    assert np.isfinite(fine("link", sweeps=0)).any()
-    assert np.isfinite(fine("edge", most_edges=0)).any()
 
 
 _FRAMES = 4000

@@ -38,27 +38,12 @@ def test_rectangle_of_a_board_has_its_place_and_extent() -> None:
     assert sides == pytest.approx(sorted([right - left, bottom - top]), abs=2 * PART * pitch_mm)
 
 
-def test_axes_of_a_rectangle_are_a_rotation_with_the_normal_last() -> None:
-    axes = _found(board_and_wall(), 0).axes
-    assert axes.T @ axes == pytest.approx(np.eye(3), abs=1e-12)
-    assert np.linalg.det(axes) == pytest.approx(1.0)
-    assert axes[:, 2] == pytest.approx([0.0, 0.0, 1.0])
-
-
 def test_rectangle_of_a_wall_goes_on_behind_the_board() -> None:
     wall = _found(board_and_wall(), 1)
     width = np.tan(np.radians(8.0)) + np.tan(np.radians(6.0))  # the last column of pixels has no return
     height = 2.0 * np.tan(np.radians(6.0)) / np.cos(np.radians(8.0))  # rows of equal angles spread at the sides
     assert wall.size_mm.max() == pytest.approx(width * WALL_MM, rel=0.01)
     assert wall.size_mm.min() == pytest.approx(height * WALL_MM, rel=0.01)
-
-
-def test_a_part_that_is_linked_from_afar_does_not_widen_the_rectangle() -> None:
-    found = board_and_wall()
-    alone = _found(found, 0)
-    fine = found.surface_fine.copy()
-    fine[-2:, -6:-4] = 0  # in the wall's lower right corner
-    assert _found(replace(found, surface_fine=fine), 0).size_mm == pytest.approx(alone.size_mm)
 
 
 def test_both_parts_of_a_wall_behind_a_pillar_are_in_its_rectangle() -> None:
@@ -103,8 +88,3 @@ def test_least_rectangle_about_the_corners_of_a_turned_one_is_that_one(rng: np.r
     assert found.center_mm == pytest.approx(wanted.center_mm)
     assert found.contains(inside).all()
     assert not found.contains(wanted.center_mm + 10.1 * axes[:, :1].T).any()
-
-
-def test_points_of_a_line_have_no_rectangle() -> None:
-    line = np.linspace([0.0, 0.0, 9.0], [4.0, 8.0, 9.0], 5)
-    assert least_rectangle(line, np.array([0.0, 0.0, 1.0])) is None

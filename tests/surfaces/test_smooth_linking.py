@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from support.round_things import CAMERA, SCENES, Thing, cast, counted, cylinder, joined, rays_of, sphere, wall
+from support.round_things import CAMERA, Thing, cast, counted, cylinder, joined, rays_of, sphere, wall
 
 from tofmix.surfaces.found import WindowSurfaces
 from tofmix.surfaces.reconstruct import reconstruct
@@ -78,16 +78,6 @@ def test_edge_of_a_sphere_is_a_closed_line_around_it() -> None:
     assert np.sqrt((off**2).mean()) < 0.1
 
 
-@pytest.mark.slow
-def test_sphere_before_a_sphere_and_pole_that_touches_a_wall_stay_apart() -> None:
-    spheres = found_in([wall(4500), sphere((200, 0, 2300), 500), sphere((-150, 0, 1850), 220)])
-    assert is_smooth(spheres)[:3] == [False, True, True]
-    assert spheres.planes.n_pixels[2] > 270
-    for depth_mm in (2500.0, 2600.0):  # half in the wall, and half and more
-        pole = found_in([wall(2500), cylinder(50, depth_mm, 200)])
-        assert is_smooth(pole) == [False, True]
-
-
 @pytest.mark.parametrize("lean", [0.1, 0.3, 0.6])
 def test_crease_between_two_boards_parts_two_planes(lean: float) -> None:
     for sign in (1.0, -1.0):
@@ -98,11 +88,3 @@ def test_crease_between_two_boards_parts_two_planes(lean: float) -> None:
 def test_arm_close_before_a_body_is_a_surface_of_its_own() -> None:
     found = found_in([wall(4000), cylinder(100, 2200, 250), cylinder(60, 1910, 50)])
     assert is_smooth(found) == [False, True, True, True]  # the arm parts the body in the image
-
-
-@pytest.mark.slow
-def test_person_has_a_body_and_a_head() -> None:
-    found = found_in(SCENES["person"][0])
-    assert is_smooth(found)[:3] == [False, True, True]
-    assert found.planes.n_pixels[1] > 480
-    assert found.planes.n_pixels[2] > 55

@@ -11,22 +11,15 @@ import h5py
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from support.cameras import camera_of
 
 import tofmix
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.cli.main import main
 from tofmix.errors import DoubtWarning
-from tofmix.sensor import NoiseCurve, Sensor
 
 FRAMES, SHAPE, SIGMA_MM = 100, (8, 12), 8.0
-SENSOR = Sensor(
-    name="made up",
-    fov_horizontal_deg=40.0,
-    fov_vertical_deg=30.0,
-    range_min_mm=100.0,
-    range_max_mm=7000.0,
-    noise=NoiseCurve(np.array([1000.0]), np.array([SIGMA_MM])),
-)
+SENSOR = camera_of([1000.0], [SIGMA_MM], reach_mm=(100.0, 7000.0), fov_deg=(40.0, 30.0))
 CODE = "frames_of_two_kinds"
 
 

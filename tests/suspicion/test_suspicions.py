@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from support.cameras import camera_of
 
 import tofmix
 from tofmix.arrays import BoolArray, FloatArray
@@ -17,15 +18,12 @@ from tofmix.errors import DoubtWarning
 from tofmix.io.verify import verify
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import beam_directions_of
-from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.suspicion import SUSPICIONS
-from tofmix.suspicion.albedo import ALBEDO_SPREAD, AlbedoLaw
 from tofmix.suspicion.evidence import log_chance
 from tofmix.suspicion.folded import mark_folded
 from tofmix.suspicion.near_return import mark_near_return
 from tofmix.suspicion.passing import mark_passing
 from tofmix.suspicion.scattered_light import mark_scattered
-from tofmix.suspicion.scene import FALSE_MARKS, NO_CLUSTERS, WindowScene
+from tofmix.suspicion.scene import NO_CLUSTERS, WindowScene
 
 TURN_MM = 7495.0
 OPTICS = Equiangular(fov_horizontal_deg=47.0, fov_vertical_deg=39.0)
@@ -139,26 +137,6 @@ def test_scattered_light_is_marked_wholly() -> None:
     assert marked[6, 6].tolist() == [True, True, False]
 
 
-def test_usual_surfaces_and_a_rim_alone_are_not_marked_as_scattered() -> None:
-    cosine = beam_directions_of(OPTICS, (8, 8))[..., 2]
-    made = ghost(light(np.array(1200.0), 0.3).item(), bright=20000.0)
-    made.range_mm[..., 0] = 1200.0 / cosine
-    assert not mark_scattered(made).any()
-    made = ghost(6.0)
-    apart = np.ones((8, 8), bool)
-    apart[2:5, 3:6] = False
-    made.range_mm[apart, 0], made.amplitude[apart, 0] = np.nan, np.nan  # type: ignore[index]  # it has amplitudes
-    assert not mark_scattered(made).any()
-
-
-def test_albedo_law_marks_no_more_than_its_rate() -> None:
-    rng = np.random.default_rng(1)
-    draws = rng.normal(0.0, ALBEDO_SPREAD, (20_000, 6))
-    chances = np.array([AlbedoLaw.of(line[:5]).darker(line[5:])[0] for line in draws])
-    assert (chances <= FALSE_MARKS).mean() < 2.0 * FALSE_MARKS
-    assert (chances <= 0.1).mean() == pytest.approx(0.1, abs=0.02)
-
-
 @pytest.mark.parametrize(("frames", "samples"), [(8, 2), (9, 3), (10, 5)])
 def test_chance_of_an_interval_is_that_of_all_sets(frames: int, samples: int) -> None:
     sets = list(combinations(range(frames), samples))
@@ -229,11 +207,6 @@ def test_cover_glass_is_a_near_return_and_a_net_far_away_is_not() -> None:
     assert not mark_near_return(scene(np.full((8, 8, 1), 76.0), weight=1.0)).any()
 
 
-def test_flags_add_up_and_names_differ() -> None:
-    assert [suspicion.flag for suspicion in SUSPICIONS] == [1, 2, 4, 8]
-    assert len({suspicion.name for suspicion in SUSPICIONS}) == len(SUSPICIONS)
-
-
 FRAMES, START, STOP = 100, 20, 32
 
 
@@ -244,15 +217,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tofmix.Estimat
     range_mm = np.full((2 * FRAMES, 8, 8), 3000.0)
     range_mm[START:STOP, 1:7, 1:7] = 1500.0
     range_mm += rng.normal(0, 10, range_mm.shape)
-    noise = NoiseCurve(np.array([1000.0]), np.array([10.0]))
-    sensor = Sensor(
-        name="made up",
-        fov_horizontal_deg=40.0,
-        fov_vertical_deg=40.0,
-        range_min_mm=100.0,
-        range_max_mm=7000.0,
-        noise=noise,
-    )
+    sensor = camera_of([1000.0], [10.0], reach_mm=(100.0, 7000.0), fov_deg=(40.0, 40.0))
     recording = tofmix.from_array(range_mm, units="mm", sensor=sensor)
     folder = tmp_path_factory.mktemp("passing")
     path = recording.save(folder / "passing.h5")

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from blind.geometry import Surface
-from scipy import special, stats
+from scipy import special
 from support.lock_in import FAMILIES, SLATS, SMALL, Direction, Scene, crease, judge, made, one_wall, slats
 from support.round_things import Thing, joined, rays_of, wall
 from support.unmixing_twins import least_squares, local, surfaces_beside
@@ -18,7 +18,7 @@ from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import Projection, beam_directions_of
 from tofmix.sensor import Sensor
-from tofmix.unmixing.functions import binomial_most, chi_square_6, logsumexp, ndtr
+from tofmix.unmixing.functions import logsumexp, ndtr
 from tofmix.unmixing.image import FIELDS, PhasorImage, make_image, mean_phasors, phase_scale_mm
 from tofmix.unmixing.labels import label
 from tofmix.unmixing.lines import Mixtures, find_lines, is_bounded
@@ -444,20 +444,6 @@ def test_sums_of_exponentials_are_scipys_also_where_a_term_or_all_are_none(rng: 
     logs[rng.random(logs.shape) < 0.3] = -np.inf
     logs[:, 0] = -np.inf
     np.testing.assert_allclose(logsumexp(logs), special.logsumexp(logs, axis=0), rtol=1e-14)
-
-
-@pytest.mark.parametrize("probability", [1e-12, 1e-6, 0.01, 0.5, 0.999, 1.0 - 1e-9])
-def test_limits_of_chi_square_are_scipys(probability: float) -> None:
-    assert chi_square_6(probability) == pytest.approx(float(special.chdtri(6, probability)), rel=1e-7)
-    assert stats.chi2.sf(chi_square_6(probability), 6) == pytest.approx(probability, rel=1e-12)
-
-
-@pytest.mark.parametrize("share", [1e-4, 0.01, 0.3])
-@pytest.mark.parametrize("probability", [0.5, 0.99, 1.0 - 1e-6])
-def test_most_successes_are_scipys(share: float, probability: float) -> None:
-    trials = np.append(np.arange(1, 1200, 7), [3000, 7000, 30_000]).reshape(5, -1)
-    expected = stats.binom.ppf(probability, trials, share)
-    np.testing.assert_array_equal(binomial_most(probability, trials, share), expected)
 
 
 LENGTH = 5000.0

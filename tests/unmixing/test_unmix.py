@@ -1,20 +1,16 @@
 """Unmixing on raw-tap recordings, also beside round things."""
 
-import math
-from typing import Any
-
 import numpy as np
 import pytest
 from blind.geometry import Surface
+from support.cameras import camera_of
 from support.lock_in import FAMILIES, SMALL, Scene, judge, made, random_boards, small, two_boards
 from support.round_things import OPEN_SCENES, SCENES, Thing, cylinder, render, score, sphere, wall
 
 import tofmix as tm
-from tofmix.arrays import Float32Array
-from tofmix.bounds import declared
 from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows, resolved_mixing
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
-from tofmix.flags import Mixing, MixingLaw
+from tofmix.flags import Mixing
 from tofmix.invariants import layer_rules
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
@@ -22,7 +18,7 @@ from tofmix.unmixing.chords import unseen_log_density
 from tofmix.unmixing.curved_labels import _lesser_part, _seen_probability
 from tofmix.unmixing.image import mean_phasors
 from tofmix.unmixing.labels import mixed_probability
-from tofmix.unmixing.settings import CurvedSettings, LawSettings, UnmixSettings
+from tofmix.unmixing.settings import LawSettings, UnmixSettings
 from tofmix.unmixing.unmix import unmix
 
 EVENTS = EstimateOptions(mixing=MixingChoice.EVENTS)
@@ -270,13 +266,7 @@ def test_behind_a_mesh_without_a_whole_window_of_one_surface_no_mixed_pixel_is_s
     share = wires.reshape(shape[0], parts, shape[1], parts).mean(axis=(1, 3))
     near, far = 2000.0, 3900.0 + 10.0 * np.indices(shape)[1]
     rng = np.random.default_rng(5)
-    sensor = tm.Sensor(
-        name="camera",
-        modulation_frequency_hz=20e6,
-        fov_horizontal_deg=30.0,
-        fov_vertical_deg=24.0,
-        noise=tm.NoiseCurve(np.array([1000.0, 6000.0]), np.array([20.0, 20.0])),
-    )
+    sensor = camera_of([1000.0, 6000.0], [20.0, 20.0], fov_deg=(30.0, 24.0), modulation_frequency_hz=20e6)
     turn = 2.0 * np.pi / (299_792_458e3 / 2.0 / 20e6)
     if sums:
         light = share * np.exp(1j * turn * near) + (1.0 - share) * 0.3 * np.exp(1j * turn * far)
@@ -299,18 +289,6 @@ def test_behind_a_mesh_without_a_whole_window_of_one_surface_no_mixed_pixel_is_s
         assert (layers.n_modes[mixed] == 2).mean() > 0.9
 
 
-@pytest.mark.parametrize(
-    ("share", "pixels", "text"),
-    [
-        (1.0, 2016, "100 % of the samples at edges are phasor sums (2,016 pixels)"),
-        (-0.004, 34, "0 % of the samples at edges are phasor sums (34 pixels)"),
-        (float("nan"), 0, "no edge shows"),
-    ],
-)
-def test_mixing_is_described_in_one_line(share: float, pixels: int, text: str) -> None:
-    assert MixingLaw(phasor_share=share, pixels=pixels).words().startswith(text)
-
-
 def test_settings_bound_the_share_of_sums_that_is_unmixed(sums: Scene) -> None:
     layers = first(estimate_windows(sums.recording, EVENTS))
     everything = slice(None), slice(None)
@@ -324,36 +302,6 @@ def test_settings_bound_the_share_of_sums_that_is_unmixed(sums: Scene) -> None:
     assert (found.layers.mixing == int(Mixing.PHASOR)).sum() > 100
     assert not (kept.layers.mixing == int(Mixing.PHASOR)).any()
     assert kept.phasor_share == found.phasor_share
-
-
-@pytest.mark.slow
-@pytest.mark.compiled("unmixes 50 times")
-def test_infinite_thresholds_and_loops_of_no_rounds_work(sums: Scene) -> None:
-    """An infinite threshold does what a very large one does."""
-    layers = first(estimate_windows(sums.recording, EVENTS))
-    everything = slice(None), slice(None)
-    means = mean_phasors(
-        sums.recording.read_range(*everything), sums.recording.read_amplitude(*everything), sums.sensor
-    )
-
-    def ranges(part: str, **values: float) -> Float32Array:
-        made: Any = type(getattr(UnmixSettings(), part))
-        circle_mm = 7500.0 if part == "unfolding" else None
-        settings = UnmixSettings(**{part: made(**values)})
-        return unmix(layers, means, sums.sensor, circle_mm=circle_mm, settings=settings).layers.range
-
-    tried = 0
-    for part in ("image", "seeds", "neighbours", "planes", "hypotheses", "labels", "law", "unfolding"):
-        settings: Any = type(getattr(UnmixSettings(), part))
-        for name, field in declared(settings).items():
-            if field.bounds is not None and field.bounds.infinite:
-                np.testing.assert_array_equal(
-                    ranges(part, **{name: math.inf}), ranges(part, **{name: 1e12}), err_msg=name
-                )
-                tried += 1
-    assert tried > 15
-    assert np.isfinite(ranges("labels", rounds=0)).any()
-    assert np.isfinite(ranges("planes", tries=0)).any()
 
 
 @pytest.mark.compiled("it estimates 3,072 pixels")
@@ -400,25 +348,6 @@ def test_scenes_of_curved_edges_alone_are_unmixed(name: str) -> None:
 @pytest.mark.compiled("it estimates 3,072 pixels")
 @pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
 @pytest.mark.slow
-def test_planes_are_unmixed_as_if_there_were_no_smooth_surfaces() -> None:
-    one = render([wall(3000), wall(1800, (0.3, 0.0, 0.95), 150.0)], [0.5, 0.8], noise_mm=15.0, frames=40)
-    estimate = tm.estimate(one.recording, mixing="events")
-    assert one.recording.amplitude is not None
-    phasors = mean_phasors(one.recording.range_mm, one.recording.amplitude, one.recording.sensor)
-    whole, planes = (
-        unmix(
-            estimate.window(0), phasors, estimate.sensor, settings=UnmixSettings(curved=CurvedSettings(rounds=rounds))
-        )
-        for rounds in (8, 0)
-    )
-    assert np.any(whole.layers.mixing == int(Mixing.PHASOR))
-    for spec in whole.layers.fields:
-        np.testing.assert_array_equal(getattr(whole.layers, spec.name), getattr(planes.layers, spec.name))
-
-
-@pytest.mark.compiled("it estimates 3,072 pixels")
-@pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
-@pytest.mark.slow
 def test_pixels_of_a_wire_are_undecided_where_no_pixel_sees_it_alone() -> None:
     one = render([wall(3500), cylinder(-200, 2000, 6)], [0.5, 0.5], noise_mm=15.0, frames=60)
     found = tm.estimate(one.recording).window(0)
@@ -435,36 +364,6 @@ def test_pixels_of_a_wire_are_undecided_where_no_pixel_sees_it_alone() -> None:
 @pytest.mark.compiled("it estimates 3,072 pixels")
 @pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
 @pytest.mark.slow
-def test_wire_on_the_border_of_two_columns_is_undecided_and_nothing_flies() -> None:
-    """Both columns see the same mixture, and no other pixel sees some of the wire."""
-    one = render([wall(3000, (0.1, 0.0, 1.0)), cylinder(0, 1800, 14)], [0.6, 0.6], noise_mm=10.0, frames=60)
-    wire = one.share[1] > 0.1
-    assert wire.sum() == 2 * one.share.shape[1]
-    found = tm.estimate(one.recording).window(0)
-    assert score(one, found).flying == 0
-    assert found.mixing is not None
-    assert (found.mixing[wire] == int(Mixing.UNDECIDED)).mean() > 0.9
-
-
-@pytest.mark.compiled("it estimates 3,072 pixels")
-@pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
-@pytest.mark.slow
-def test_samples_of_one_surface_each_contradict_sums_where_no_edge_tells() -> None:
-    one = render([wall(3500), cylinder(-200, 2000, 6)], [0.5, 0.5], noise_mm=15.0, frames=60)
-    draw = np.random.default_rng(3)
-    far = render([wall(3500)], [0.5], noise_mm=15.0, frames=60).recording
-    assert far.amplitude is not None
-    near = draw.random(far.range_mm.shape) < one.share[1]
-    ranges = np.where(near, draw.normal(2000.0, 15.0, near.shape), far.range_mm)
-    events = tm.from_array(ranges, units="mm", sensor=far.sensor, amplitude=np.where(near, 200.0, far.amplitude))
-    law = tm.estimate(events).mixing_law
-    assert law is not None
-    assert not law.phasor_share > 0.05
-
-
-@pytest.mark.compiled("it estimates 3,072 pixels")
-@pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
-@pytest.mark.slow
 def test_round_things_before_open_space_have_one_surface_with_the_share_that_returns() -> None:
     one = render(*OPEN_SCENES["sphere and cylinder"], noise_mm=20.0, frames=60, threshold=3.0, seed=2)
     result = score(one, tm.estimate(one.recording).window(0))
@@ -473,16 +372,6 @@ def test_round_things_before_open_space_have_one_surface_with_the_share_that_ret
     assert result.shares_within >= 0.9 * result.both
     assert np.sqrt(result.share_square / result.both) < 0.025
     assert result.flying == 0  # pixels whose few samples are noise have no layer
-
-
-@pytest.mark.compiled("it estimates 3,072 pixels")
-@pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
-@pytest.mark.slow
-def test_both_surfaces_are_found_beside_an_ellipsoid_with_ranges_as_far_off_as_stated() -> None:
-    one = render(*SCENES["ellipsoid"], noise_mm=20.0, seed=1)
-    result = score(one, tm.estimate(one.recording).window(0))
-    assert result.both >= 0.9 * result.mixed
-    assert result.ranges_within >= 0.85 * result.ranges
 
 
 @pytest.mark.compiled("it estimates 3,072 pixels")

@@ -11,18 +11,16 @@ from typing import NoReturn, TextIO
 import click
 
 from tofmix.cli.estimate import estimate, merge
-from tofmix.cli.export import export
+from tofmix.cli.export import export, surfaces
 from tofmix.cli.import_ import import_
-from tofmix.cli.info import info, verify
+from tofmix.cli.info import info, sensors, verify
 from tofmix.cli.inspect import inspect
 from tofmix.cli.map import map_
 from tofmix.cli.options import from_environment, quiet_option, running_command, variables_of
 from tofmix.cli.reconcile import reconcile
 from tofmix.cli.report import compare, report
 from tofmix.cli.reporter import announced
-from tofmix.cli.sensors import sensors
 from tofmix.cli.simulate import scene, simulate
-from tofmix.cli.surfaces import surfaces
 from tofmix.cli.warmup import warmup
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
 from tofmix.io.guard import watchdog

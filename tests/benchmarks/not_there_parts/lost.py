@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from support.cameras import camera_of
 
 from tofmix.arrays import Float32Array
 from tofmix.estimation.blocks.sequence import estimate_windows
@@ -17,21 +18,14 @@ from tofmix.mapping.beams import beams_from_layers
 from tofmix.mapping.grid import Pose, VoxelGrid, plan_grid
 from tofmix.mapping.occupancy import State, map_beams
 from tofmix.recording import ArrayRecording
-from tofmix.sensor import NoiseCurve, Sensor
 
 SHAPE = (36, 48)  # pixels
 BOX = (slice(8, 30), slice(18, 30))
 FOV_DEG = (48.0, 36.0)  # one degree a pixel
 WALL_MM, BOX_MM, SIGMA_MM = 4000.0, 1500.0, 30.0
 CELL_MM = 50.0
-SENSOR = Sensor(
-    name="box",
-    range_min_mm=300.0,
-    range_max_mm=7500.0,
-    fov_horizontal_deg=FOV_DEG[0],
-    fov_vertical_deg=FOV_DEG[1],
-    outlier_probability=1e-4,
-    noise=NoiseCurve(np.array([1000.0, 7500.0]), np.array([SIGMA_MM, SIGMA_MM])),
+SENSOR = camera_of(
+    [1000.0, 7500.0], [SIGMA_MM] * 2, reach_mm=(300.0, 7500.0), fov_deg=FOV_DEG, outlier_probability=1e-4
 )
 
 

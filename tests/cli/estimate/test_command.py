@@ -15,11 +15,9 @@ from support.files import boards, contents, write_recording
 from support.full_disk import FullDisk
 from support.sizes import sized
 
-import tofmix as tm
 from tofmix.errors import ExitCode
 from tofmix.io.layers.journal import journal_path, open_journal
 from tofmix.io.recording.recording_file import file_sha256
-from tofmix.layers import LAYER_FIELDS
 
 
 @pytest.fixture
@@ -118,13 +116,6 @@ def test_higher_false_alarm_rate_gives_more_second_layers(tofmix: Tofmix, tmp_pa
     assert np.mean(found["n_modes"] == found["n_peaks"]) > 0.99
     assert np.sum(found["n_modes"] > 1) > 60
     assert tofmix("estimate", path, "--refine", "none", "--false-alarm", 0.01).code == ExitCode.USAGE
-
-
-def test_noise_profile_replaces_a_missing_curve(tofmix: Tofmix, tmp_path: Path) -> None:
-    path = write_recording(tmp_path / "a.h5", boards(), noise=None)
-    tofmix.done("estimate", path, "--noise", "sr3000")
-    with h5py.File(tmp_path / "a.layers.h5") as root:
-        assert json.loads(root.attrs["options"])["noise"] == "sr3000"
 
 
 @pytest.mark.parametrize("shape", [(20, 1, 16), (20, 16, 1), (20, 1, 1), (3, 2, 2), (25, 480, 3)])
@@ -234,31 +225,6 @@ def test_extreme_samples_are_stored_and_noted(tofmix: Tofmix, recording_endless:
     assert "sample_max_mm" not in tofmix("info", recording_endless).out
 
 
-def test_layers_of_a_known_range_keep_no_extreme_samples(tofmix: Tofmix, tmp_path: Path) -> None:
-    tofmix.done("estimate", write_recording(tmp_path / "b.h5", boards(20)))
-    with h5py.File(tmp_path / "b.layers.h5") as root:
-        assert not {"sample_min_mm", "sample_max_mm"} & set(root["sensor"].attrs)
-
-
-@pytest.mark.slow
-def test_bytes_do_not_depend_on_pieces_where_the_range_has_no_known_end(
-    tofmix: Tofmix, recording_endless: Path
-) -> None:
-    tofmix.same_in_pieces(recording_endless, *WINDOWS)
-
-
-@pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
-@pytest.mark.slow
-def test_python_gives_the_same_layers(tofmix: Tofmix, recording_endless: Path, tmp_path: Path) -> None:
-    found = tm.estimate(recording_endless, window=10, stride=5)
-    tofmix.done("estimate", recording_endless, *WINDOWS)
-    command = tm.open(tmp_path / "a.layers.h5")
-    assert isinstance(command, tm.Estimate)
-    assert found.sensor.sample_max_mm == command.sensor.sample_max_mm == 21_000.0
-    for spec in LAYER_FIELDS:
-        np.testing.assert_array_equal(getattr(found, spec.name), getattr(command, spec.name))
-
-
 @pytest.fixture
 def recordings(tmp_path: Path) -> list[Path]:
     return [write_recording(tmp_path / f"{name}.h5", boards(20, cols=3 + k)) for k, name in enumerate("abc")]
@@ -328,12 +294,6 @@ def test_impossible_outputs_are_refused_before_the_first_recording_iscontents(
         tofmix("estimate", *arguments).refused(ExitCode.USAGE, reason)
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["c.layers.h5"]
     assert tofmix("estimate", *recordings, "--output-dir", recordings[0]).code == ExitCode.STORAGE
-
-
-@pytest.mark.slow
-def test_output_dir_accepts_a_single_recording(tofmix: Tofmix, recordings: list[Path], tmp_path: Path) -> None:
-    outcome = tofmix("estimate", recordings[0], "--output-dir", tmp_path / "out", "--json")
-    assert json.loads(outcome.out)["output"] == str(tmp_path / "out" / "a.layers.h5")
 
 
 CELL_PIXELS = sized(4096, 128)
@@ -429,15 +389,6 @@ def test_old_journal_is_refused_for_another_window_or_recording_and_unused_witho
     assert names(tmp_path) == ["a.h5", "a.layers.h5"]
 
 
-@pytest.mark.slow
-def test_damaged_journal_is_not_resumed(tofmix: Tofmix, recording_resume: Path, expected_resume: bytes) -> None:
-    journal = journal_path(recording_resume.with_name("a.layers.h5"))
-    journal.write_bytes(b"something else altogether" * 100)
-    assert tofmix("estimate", recording_resume, *WINDOWS, "--resume").code == ExitCode.USAGE
-    assert "starting afresh" in tofmix("estimate", recording_resume, *WINDOWS).err
-    assert recording_resume.with_name("a.layers.h5").read_bytes() == expected_resume
-
-
 def test_resume_starts_missing_outputs_and_keeps_finished_ones(
     tofmix: Tofmix, recording_resume: Path, tmp_path: Path
 ) -> None:
@@ -451,17 +402,6 @@ def test_resume_starts_missing_outputs_and_keeps_finished_ones(
     assert (
         tofmix("estimate", recording_resume, "--window", 20, "--resume").code == ExitCode.USAGE
     )  # another result is there
-
-
-@pytest.mark.slow
-def test_kill_after_the_renaming_leaves_a_valid_output(
-    tofmix: Tofmix, recording_resume: Path, tmp_path: Path, expected_resume: bytes
-) -> None:
-    _killed_at(recording_resume, 4, signal.SIGKILL)
-    (tmp_path / "a.layers.h5").write_bytes(expected_resume)
-    (tmp_path / ".a.layers.h5.journal.partial").write_bytes(expected_resume[:1000])
-    tofmix.done("estimate", recording_resume, *WINDOWS, "--resume")
-    assert names(tmp_path) == ["a.h5", "a.layers.h5"]
 
 
 @pytest.mark.slow
@@ -513,14 +453,3 @@ def test_parts_that_do_not_make_one_run_are_refused(tofmix: Tofmix, recording_re
         tofmix("merge", *given, "-o", tmp_path / "out").refused(code, reason)
         assert not (tmp_path / "out").exists()
     assert tofmix("merge", one, two, "-o", one, "--overwrite").code == ExitCode.USAGE
-
-
-@pytest.mark.slow
-def test_more_shards_than_cells_make_empty_parts(tofmix: Tofmix, tmp_path: Path) -> None:
-    recording = write_recording(tmp_path / "b.h5", boards(20))
-    for number in (1, 2):
-        tofmix.done("estimate", recording, "--shard", f"{number}/2")
-    parts = sorted(tmp_path.glob("*.part"))
-    tofmix.done("merge", *parts, "-o", tmp_path / "merged")
-    tofmix.done("estimate", recording)
-    assert (tmp_path / "merged").read_bytes() == (tmp_path / "b.layers.h5").read_bytes()

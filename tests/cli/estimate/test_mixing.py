@@ -14,7 +14,6 @@ from support.files import contents, write_recording
 from support.lock_in import small, write_sums
 
 import tofmix as tm
-from tofmix.api.estimates import Estimate
 from tofmix.circle import fold, unambiguous_range_mm
 from tofmix.errors import DoubtWarning, ExitCode
 from tofmix.flags import Mixing
@@ -90,21 +89,6 @@ def test_export_omits_undecided_pixels_without_the_option(tofmix: Tofmix, sums: 
 
 
 @pytest.mark.slow
-def test_api_gives_the_values_that_the_command_writes(tofmix: Tofmix, sums: Path, tmp_path: Path) -> None:
-    import tofmix as tm
-
-    out = tmp_path / "a.h5"
-    tofmix.done("estimate", sums, *WINDOWS, "-o", out)
-    made = tm.estimate(sums, window=20, noise="file")
-    saved = made.save(tmp_path / "b.h5")
-    tofmix.done("compare", out, saved)
-    back = tm.open(out)
-    assert isinstance(back, Estimate)
-    np.testing.assert_array_equal(back.mixing, made.mixing)
-    np.testing.assert_array_equal(back.phasor_share, made.phasor_share)
-
-
-@pytest.mark.slow
 def test_inspect_prints_and_draws_the_kind_of_mixing(tofmix: Tofmix, sums: Path, tmp_path: Path) -> None:
     out, events = tmp_path / "a.h5", tmp_path / "events.h5"
     tofmix.done("estimate", sums, *WINDOWS, "-o", out)
@@ -160,11 +144,6 @@ def test_a_wall_at_the_fold_is_one_surface(tofmix: Tofmix, tmp_path: Path, dtype
 
 
 @pytest.mark.slow
-def test_bytes_do_not_depend_on_pieces_on_the_circle(tofmix: Tofmix, tmp_path: Path) -> None:
-    tofmix.same_in_pieces(_folded(tmp_path / "a.h5"), "--wrap")
-
-
-@pytest.mark.slow
 def test_noise_and_outliers_are_measured_on_the_circle(tofmix: Tofmix, tmp_path: Path) -> None:
     recording = _folded(tmp_path / "a.h5")
     automatic = "--noise", "auto", "--outliers", "auto"
@@ -186,17 +165,6 @@ def test_a_recording_without_frequency_is_refused(tofmix: Tofmix, tmp_path: Path
     assert not (tmp_path / "a.layers.h5").exists()
 
 
-@pytest.mark.parametrize("extra", [["--wrap", "--unambiguous-range", 7000], ["--unambiguous-range", "inf"]])
-def test_contradictory_range_options_are_usage_errors(tofmix: Tofmix, tmp_path: Path, extra: list[object]) -> None:
-    assert tofmix("estimate", _folded(tmp_path / "a.h5"), *extra).code == ExitCode.USAGE
-
-
-@pytest.mark.slow
-def test_a_circle_too_short_for_the_camera_is_refused(tofmix: Tofmix, tmp_path: Path) -> None:
-    outcome = tofmix("estimate", _folded(tmp_path / "a.h5"), "--unambiguous-range", 500)
-    outcome.refused(ExitCode.BAD_INPUT, "shorter than 10 sigma")
-
-
 def test_range_max_at_the_fold_leaves_out_c0_with_a_note(tofmix: Tofmix, tmp_path: Path) -> None:
     outcome = tofmix.done("estimate", _folded(tmp_path / "a.h5", range_max_mm=7490.0), "--wrap", "--mixing", "events")
     assert "c_0 is left out" in outcome.err
@@ -204,35 +172,6 @@ def test_range_max_at_the_fold_leaves_out_c0_with_a_note(tofmix: Tofmix, tmp_pat
     found = contents(tmp_path / "a.layers.h5")
     assert (found["weight_no_return"] == 0).all()
     assert (found["n_modes"] == 1).all()
-
-
-@pytest.mark.slow
-def test_report_compares_sigma_with_the_curve_on_the_circle(tofmix: Tofmix, tmp_path: Path) -> None:
-    recording, layers = _folded(tmp_path / "a.h5"), tmp_path / "a.layers.h5"
-    tofmix.done("estimate", recording, "--wrap")
-    page = tmp_path / "a.html"
-    outcome = tofmix.done("report", layers, "--recording", recording, "--html", page, "--json")
-    summary = json.loads(outcome.out)
-    assert summary["options"]["unambiguous_range_mm"] == pytest.approx(LENGTH)
-    assert summary["sigma_over_curve"]["q50"] == pytest.approx(1, abs=0.1)
-    assert summary["pixels_with_close_layers"] == 0
-    assert [one["code"] for one in summary["warnings"]] == ["flying_pixels_counted"]
-    assert "mean direction of the samples on the circle" in page.read_text()
-
-
-@pytest.mark.slow
-@pytest.mark.compiled("25,344 pixels")
-def test_wrap_keeps_the_ranges_of_boards_away_from_the_fold(tofmix: Tofmix, tmp_path: Path) -> None:
-    """At 1.2 ms its sigma at the fold is 430 mm: the boards are found as on a line."""
-    recording = tmp_path / "a.h5"
-    tofmix.done("simulate", "three-boards", "-o", recording, "--frames", 60)
-    for name, options in (("line.h5", []), ("circle.h5", ["--wrap"])):
-        outcome = tofmix.done("estimate", recording, "-o", tmp_path / name, *options)
-    line, circle = contents(tmp_path / "line.h5"), contents(tmp_path / "circle.h5")
-    assert "c_0 is left out" in outcome.err  # range_max is at the fold
-    boards = (line["n_modes"] == 1) & (line["range"][..., 0] < 4500) & (line["weight"][..., 0] > 0.99)
-    assert boards.sum() > 1000
-    np.testing.assert_allclose(circle["range"][boards, 0], line["range"][boards, 0], atol=0.01)
 
 
 FRAMES = 30
@@ -340,12 +279,6 @@ def test_cameras_without_phase_are_never_called_lock_in(
         assert "is no lock-in camera (measurement: " in refused.err
 
 
-def test_a_frequency_that_no_camera_has_is_a_usage_error(tofmix: Tofmix, folder: Path, tmp_path: Path) -> None:
-    made = tofmix("import", folder / "ranges.npy", "-o", tmp_path / "a.h5", "--modulation-frequency", "2e13")
-    made.refused(ExitCode.USAGE, "--modulation-frequency: modulation_frequency_hz: 2e+13 is not between 1 Hz and 1 THz")
-    assert not (tmp_path / "a.h5").exists()
-
-
 def test_a_recording_of_its_own_gets_a_frequency_by_importing_it(tofmix: Tofmix, folder: Path, tmp_path: Path) -> None:
     first, second = tmp_path / "a.h5", tmp_path / "b.h5"
     both = ("--amplitude", folder / "amplitudes.npy", *VIEW)
@@ -367,15 +300,6 @@ def test_few_frames_are_said_once_and_listed_among_the_notes(tofmix: Tofmix, fol
     assert note["code"] == "few_frames"
     assert done.err.count("13 frames a window; tofmix asks for 25 or more.") == 1
     assert "less than 73 % are found with 13 frames, and 93 % with 25" in note["text"]
-
-
-def test_the_longer_window_that_a_note_advises_has_frames_enough(tofmix: Tofmix, folder: Path, tmp_path: Path) -> None:
-    path = tmp_path / "a.h5"
-    tofmix("import", folder / "part.npy", "-o", path, "--sensor", "l515", *VIEW)
-    (note,) = json.loads(tofmix("estimate", path, *QUICK, "--window", 14, "--json").out)["notes"]
-    again = tofmix(*shlex.split(note["commands"][0])[1:], "--json")
-    assert json.loads(again.out)["window_frames"] == 25
-    assert json.loads(again.out)["notes"] == []
 
 
 @pytest.mark.parametrize(("frames", "codes"), [(10, []), (8, ["few_frames"])])
@@ -477,18 +401,6 @@ def test_findings_equal_those_of_report_for_any_engine(
     assert [f"tofmix: a.layers.h5: {text}" for text in said] == lines[1:]
     told = json.loads(tofmix("report", "a.layers.h5", "--recording", "a.h5", "--json").out)["warnings"]
     assert [warning["code"] for warning in told] == ["drift", "close_layers"]
-
-
-@pytest.mark.slow
-def test_each_of_several_recordings_has_its_own_findings(tofmix: Tofmix, tmp_path: Path) -> None:
-    well, drifts = _wall(tmp_path / "a.h5"), _wall(tmp_path / "b.h5", drift=8.0)
-    done = tofmix("estimate", well, drifts, "--output-dir", tmp_path / "out", "--mixing", "events", "--json")
-    first, second = (json.loads(line)["warnings"] for line in done.out.splitlines())
-    assert (first, [warning["code"] for warning in second]) == (
-        [],
-        ["drift", "close_layers"],
-    )
-    assert str(well) not in done.err
 
 
 def test_recording_with_the_mark_averaged_is_refused_unless_it_is_0(tofmix: Tofmix, tmp_path: Path) -> None:

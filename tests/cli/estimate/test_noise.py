@@ -11,7 +11,6 @@ import pytest
 from numpy.typing import NDArray
 from support.commandline import Tofmix
 from support.files import NOISE, boards, write_recording
-from support.full_disk import FullDisk
 from support.learnt_pixels import KNOWN, surfaces
 from support.sizes import sized
 
@@ -49,15 +48,6 @@ def test_unmeasurable_noise_is_refused_with_the_remedy(tofmix: Tofmix, tmp_path:
     path = write_recording(tmp_path / "a.h5", samples[:2], noise=None)
     tofmix("estimate", path).refused(ExitCode.BAD_INPUT, "choose a curve with --noise PROFILE")
     assert not (tmp_path / "a.layers.h5").exists()
-
-
-@pytest.mark.slow
-def test_wrong_curve_is_reported_in_one_line(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
-    wrong = write_recording(tmp_path / "wrong.h5", samples, noise=WRONG)
-    outcome = tofmix.done("estimate", wrong, "--noise", "auto")
-    assert re.search(r"times the measured one at (29|30)\d\d mm", outcome.err)
-    right = write_recording(tmp_path / "right.h5", samples, noise=TRUE)
-    assert "times the measured one" not in tofmix("estimate", right, "--noise", "auto").err
 
 
 @pytest.mark.slow
@@ -278,19 +268,6 @@ QUICK = (*WINDOW, "--noise-shape", "gaussian")
 def test_bytes_do_not_depend_on_pieces_where_noise_is_learnt(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     tofmix.same_in_pieces(recording, *QUICK)
     assert "% by pixel" in tofmix.done("info", tmp_path / "whole.h5").out
-
-
-@pytest.mark.slow
-def test_resumed_run_has_the_same_bytes(
-    tofmix: Tofmix, recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    tofmix.done("estimate", recording, *QUICK, "-o", tmp_path / "one.h5")
-    with monkeypatch.context() as patch:
-        patch.setattr("os.pwrite", FullDisk(3))
-        assert "--resume continues from the finished blocks" in tofmix("estimate", recording, *QUICK).err
-    resumed = tofmix.done("estimate", recording, *QUICK, "--resume")
-    assert "blocks from the interrupted run" in resumed.err
-    assert (tmp_path / "a.layers.h5").read_bytes() == (tmp_path / "one.h5").read_bytes()
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from tofmix.estimation.blocks.reading import MemoryTooSmallError, ReadPlan, plan
 from tofmix.estimation.blocks.sequence import estimate_cells, estimate_layers
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.peaks.incremental import IncrementalDensity
-from tofmix.estimation.samples import invalid_share, sample_span, sensor_with_span
+from tofmix.estimation.samples import invalid_share, sample_span
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.flags import Mixing
 from tofmix.grid import Grid, plan_grid, plan_windows
@@ -231,16 +231,6 @@ def test_wild_samples_cost_no_memory_and_invalid_ones_no_range() -> None:
     np.testing.assert_array_equal(IncrementalDensity(endless, 1).range_mm, IncrementalDensity(ENDLESS, 1).range_mm)
 
 
-@pytest.mark.parametrize("circle", [None, 7495.0])
-def test_known_range_or_circle_reads_no_samples(circle: float | None) -> None:
-    recording = Stored(np.full((4, 2, 1), 900.0, dtype=np.float32), (1, 1))
-    if circle is None:
-        recording = recording.with_sensor(replace(ENDLESS, range_max_mm=6000.0))
-    sensor = sensor_with_span(recording, circle)
-    assert (sensor.sample_min_mm, sensor.sample_max_mm) == (None, None)
-    assert not recording.reads.any()
-
-
 @pytest.mark.parametrize(
     ("known", "interval"),
     [
@@ -258,23 +248,6 @@ def test_random_values_spread_over_the_working_range_or_the_extreme_samples(
     sensor = replace(ENDLESS, **known)  # type: ignore[arg-type]  # all numbers
     assert outlier_interval(sensor, CURVE) == interval
     assert beam_of(sensor).outlier_density == pytest.approx(1e-4 / (interval[1] - interval[0]))
-
-
-def test_cells_alone_and_all_together_have_the_same_interval() -> None:
-    rng = np.random.default_rng(5)
-    samples = (1200.0 + 12.0 * rng.standard_normal((80, 6, 3))).astype(np.float32)
-    samples[3, 1, 1], samples[78, 5, 2] = 2500.0, 9000.0
-    recording, windows = ArrayRecording(samples, ENDLESS), plan_windows(80, window=20)
-    whole = estimate_layers(recording, windows=windows)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tofmix.grid.CELL_PIXELS", 6)
-        grid = plan_grid(windows, (6, 3))
-    assert grid.count > 1
-    for cell in grid.cells():
-        ((_, alone),) = estimate_cells(recording, grid, EstimateOptions(), lambda layers: layers, wanted=[cell])
-        for spec in LAYER_FIELDS:
-            expected = getattr(whole, spec.name)[cell.windows, cell.rows]
-            np.testing.assert_array_equal(getattr(alone, spec.name), expected)
 
 
 CAMERA = Sensor(name="a", range_min_mm=100.0, range_max_mm=6000.0, noise=NoiseCurve(np.array([1e3]), np.array([10.0])))

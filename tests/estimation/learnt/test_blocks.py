@@ -51,11 +51,6 @@ def test_tied_sigmas_give_no_pixel_a_width(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(tied.noise_width, 1.0)
 
 
-def test_widths_are_kept_only_where_they_were_learnt(rng: np.random.Generator) -> None:
-    samples = surfaces(rng, (30, 5), (2000.0,))
-    assert layer_pixels(samples, camera_with(pixel_noise("skewed"))).noise_width is None
-
-
 @pytest.mark.parametrize("memory", [0.2, 0.5, 0.9])
 def test_memory_widens_errors_of_range_by_that_of_a_mean_of_ar1_noise(memory: float, rng: np.random.Generator) -> None:
     samples = surfaces(rng, (100, 20), (2000.0,))
@@ -229,14 +224,6 @@ def test_gains_are_drawn_for_the_numbers_of_samples_that_pixels_have(
     assert found.first.shape == (len(numbers), len(FALSE_ALARMS))
 
 
-def test_gains_ascend_as_chances_fall() -> None:
-    found = _calibrated(FULL, (12, 25), 200)
-    assert (np.diff(found.more, axis=-1) > 0).all()
-    assert (np.diff(found.first, axis=-1) > 0).all()
-    assert (found.more >= 0).all()
-    np.testing.assert_array_equal(found.background, SHARES)
-
-
 @pytest.mark.slow
 def test_gains_of_a_gaussian_are_those_of_the_gaussian_counts_own_table() -> None:
     found = _calibrated(pixel_noise(), (30, 200), 6000)
@@ -302,15 +289,6 @@ def test_false_alarms_on_fresh_pixels_have_the_requested_rate(name: str, rng: np
     assert (layers.n_modes[enough] >= 1).mean() > 0.999
 
 
-@pytest.mark.slow
-@pytest.mark.compiled("thousands of pixels")
-def test_background_alone_gives_surfaces_at_most_at_the_requested_rate(rng: np.random.Generator) -> None:
-    noise = pixel_noise(background=(1.0, 4.0))
-    sensor = camera_with(noise, _calibrated(noise, (60, 100), 4000))
-    layers = layer_pixels(rng.uniform(LOW_MM, TOP_MM, (80, 8000)), sensor)
-    assert (layers.n_modes > 0).mean() <= 0.003
-
-
 NOISE = pixel_noise("skewed", drift_mm=(10.0, 0.0, 0.0))
 
 
@@ -351,17 +329,6 @@ def test_other_noise_or_other_ranges_are_drawn_anew(other: str) -> None:
     assert not np.array_equal(first.more, then.more)
 
 
-def test_only_the_tables_used_last_are_kept() -> None:
-    asked = Asked(most=2)
-    for shift_mm in (0.0, 1.0, 0.0, 2.0):
-        asked.table(ranges_mm=RANGES_MM + shift_mm)
-    assert asked.drawn == 3
-    asked.table()
-    assert asked.drawn == 3
-    asked.table(ranges_mm=RANGES_MM + 1.0)
-    assert asked.drawn == 4
-
-
 @pytest.fixture
 def gains() -> GainThresholds:
     rng = np.random.default_rng(8)
@@ -386,14 +353,6 @@ def test_gains_are_interpolated_as_scipy_does(gains: GainThresholds, n: float, b
         assert out[c] == pytest.approx(np.interp(np.log(n), gains.log_n, gains.first[:, c]), rel=1e-12)
 
 
-def test_gains_past_the_ends_of_the_table_are_those_of_its_ends(gains: GainThresholds) -> None:
-    out = np.zeros(len(FALSE_ALARMS))
-    read_gains(2.0, 0.95, False, gains, out)  # noqa: FBT003  a kernel's flag
-    np.testing.assert_array_equal(out, gains.more[0, -1])
-    read_gains(1e5, 0.0, False, gains, out)  # noqa: FBT003  likewise
-    np.testing.assert_array_equal(out, gains.more[-1, 0])
-
-
 PLACES = 1500.0, 1500.0 + 6 * SIGMA_MM, 3000.0
 SHARES_COUNTING = {1: (1.0,), 2: (0.4, 0.6), 3: (0.3, 0.3, 0.4)}
 ON_BACKGROUND = (2.0, 6.0)
@@ -410,14 +369,6 @@ def test_surfaces_six_sigma_apart_are_counted_for_any_shape(name: str, count: in
     np.testing.assert_allclose(np.median(layers.range[right, :count], axis=0), PLACES[:count], atol=0.1 * SIGMA_MM)
     np.testing.assert_allclose(layers.weight[right, :count].mean(axis=0), SHARES_COUNTING[count], atol=0.01)
     assert np.isin(layers.status[right], [Status.OK, Status.NOT_CONVERGED]).mean() >= 0.99  # corners are slow
-
-
-@pytest.mark.compiled("hundreds of pixels")
-def test_a_gaussian_splits_pixels_of_a_skewed_shape_that_the_learnt_shape_does_not(rng: np.random.Generator) -> None:
-    samples = surfaces(rng, (200, 300), PLACES[:1], errors=KNOWN["skewed"].draw)
-    split = {n: (layer_pixels(samples, camera_with(pixel_noise(n))).n_modes > 1).mean() for n in ("gaussian", "skewed")}
-    assert split["gaussian"] > 0.05
-    assert split["skewed"] <= 0.01
 
 
 @pytest.mark.compiled("hundreds of pixels")
@@ -466,15 +417,6 @@ def test_a_wide_pixel_is_one_surface_and_its_width_is_stated(rng: np.random.Gene
         found = layers.noise_width[width == wide]
         assert float(np.median(found)) == pytest.approx(wide, rel=0.05)
         np.testing.assert_allclose(layers.sigma[width == wide, 0], SIGMA_MM * found, rtol=1e-5)
-
-
-@pytest.mark.parametrize("most", [1, 2])
-def test_no_more_than_the_chosen_number_of_layers_is_kept(most: int, rng: np.random.Generator) -> None:
-    samples = surfaces(rng, (120, 20), PLACES, SHARES_COUNTING[3])
-    layers = layer_pixels(samples, camera_with(pixel_noise("skewed")), EstimateOptions(max_layers=most))
-    np.testing.assert_array_equal(layers.n_modes, most)
-    assert layers.range.shape[1] == most
-    assert (layers.probability > 0.99).all()
 
 
 def test_samples_at_the_end_of_range_are_no_return_and_no_surface(rng: np.random.Generator) -> None:

@@ -251,43 +251,6 @@ def test_likelihood_never_falls_from_one_step_to_the_next(name: str, rng: np.ran
             before = after
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NOISES)
-def test_accelerated_steps_end_where_many_plain_ones_do(name: str, rng: np.random.Generator) -> None:
-    pixel = Pixel(_two_surfaces(rng), NOISES[name])
-    k = pixel.begin((1990.0, 2080.0))
-    for _ in range(3000):
-        em_step(pixel.data, k, pixel.fit, pixel.law, pixel.beam, pixel.scratch)
-    plain, value = pixel.fitted(k), pixel.value(k)
-    pixel.begin((1990.0, 2080.0))
-    assert 0 < pixel.maximise(k) < 1000
-    fast = pixel.fitted(k)
-    np.testing.assert_allclose(fast.means, plain.means, atol=0.02)
-    np.testing.assert_allclose(fast.shares, plain.shares, atol=1e-3)
-    assert pixel.value(k) == pytest.approx(value, abs=1e-3)
-
-
-@pytest.mark.slow
-def test_shares_of_a_fit_add_up_to_1(rng: np.random.Generator) -> None:
-    samples = _two_surfaces(rng)
-    samples[1::9] = TOP_MM + SIGMA_MM * rng.standard_normal(14)
-    pixel = Pixel(samples, NOISES["skewed on background"])
-    k = pixel.begin((1990.0, 2080.0), no_return=0.05)
-    pixel.maximise(k)
-    found = pixel.fitted(k)
-    assert found.shares.sum() + found.no_return + found.background == pytest.approx(1.0, abs=1e-12)
-    assert found.no_return == pytest.approx(14 / 120, abs=0.02)
-
-
-@pytest.mark.slow
-def test_nothing_but_background_is_a_fit_without_iterations(rng: np.random.Generator) -> None:
-    pixel = Pixel(rng.uniform(LOW_MM, TOP_MM - 200.0, 50), NOISES["Gaussian on background"])
-    k = pixel.begin((), background=0.3)
-    assert pixel.maximise(k) == 0
-    assert pixel.fit[OWN, BACKGROUND] == 1.0
-    assert pixel.value(k) == pytest.approx(50 * math.log(1.0 / SPAN_MM), abs=1e-6)
-
-
 def test_layers_state_the_objective_of_their_fit(rng: np.random.Generator) -> None:
     noise = pixel_noise("skewed", background=(1.0, 6.0))
     samples = surfaces(rng, (100, 8), (1500.0, 2500.0), (0.3, 0.7), errors=KNOWN["skewed"].draw, background=0.1)
@@ -302,31 +265,6 @@ def test_layers_state_the_objective_of_their_fit(rng: np.random.Generator) -> No
             float(layers.weight_outlier[pixel]),
         )
         assert layers.log_likelihood[pixel] == pytest.approx(written_out(samples[:, pixel], noise, fitted), abs=0.05)
-
-
-@pytest.mark.slow
-def test_the_prior_of_background_is_that_of_pixels_with_a_surface(rng: np.random.Generator) -> None:
-    samples = rng.uniform(LOW_MM, TOP_MM, 40)
-    samples[0] = TOP_MM - 1.0  # it may be c_0's
-    values = []
-    for strength in (1.0, 30.0):
-        pixel = Pixel(samples, pixel_noise(background=(strength, 9.0 * strength)))
-        pixel.begin((), background=0.9, no_return=0.1)
-        pixel.maximise(0)
-        values.append(pixel.value(0))
-        assert pixel.fit[OWN, BACKGROUND] > 0.95  # and not a tenth, as of pixels with a surface
-    assert values[0] == pytest.approx(values[1], abs=1e-9)
-
-
-@pytest.mark.slow
-def test_a_prior_that_a_pixel_agrees_with_costs_its_surface_nothing(rng: np.random.Generator) -> None:
-    samples = np.concatenate([rng.uniform(LOW_MM, TOP_MM, 10), 2000.0 + SIGMA_MM * rng.standard_normal(90)])
-    gains = []
-    for strength in (1.0, 10.0, 100.0):
-        pixel = Pixel(samples, pixel_noise(background=(strength, 9.0 * strength)))
-        pixel.maximise(pixel.begin((2000.0,)))
-        gains.append(pixel.value(1))
-    np.testing.assert_allclose(gains, gains[0], atol=0.5)
 
 
 SIGMA_MM_ON_STEPS, MOST_ITERATIONS, TOLERANCE = 6.0, 50, 1.0e-3
@@ -495,20 +433,6 @@ def test_true_shape_predicts_best(name: str, rng: np.random.Generator) -> None:
     assert max(score, key=lambda other: score[other]) == name
 
 
-def test_surfaces_are_counted_in_each_half(rng: np.random.Generator) -> None:
-    samples = surfaces(rng, (100, 60), (1500.0, 2500.0), (0.5, 0.5))
-    _, found = _scores(samples, pixel_noise())
-    assert found.mean() == pytest.approx(2.0, abs=0.05)
-
-
-def test_pixels_with_too_few_samples_have_no_score() -> None:
-    samples = np.full((20, 2), np.nan)
-    samples[:3, 0] = 2000.0, 2010.0, 1990.0
-    scores, found = _scores(samples, pixel_noise())
-    assert np.isnan(scores).all()
-    np.testing.assert_array_equal(found, 0.0)
-
-
 def test_alternating_surfaces_fall_in_both_halves(rng: np.random.Generator) -> None:
     # Two targets of a frame take turns: halves by odd and even frames would each see one of them alone.
     place = np.where(np.arange(120) % 2 == 0, 1500.0, 2500.0)[:, np.newaxis]
@@ -559,10 +483,6 @@ def test_widths_beside_pairs_have_their_own_spread(step: float) -> None:
     found = spread_of(errors(spread=0.3, apart=3.0, step=step), step)
     assert found is not None
     assert found == pytest.approx(0.3 * 0.831, rel=0.45)  # the scales that are tried are 41 % apart
-
-
-def test_equal_widths_of_one_surface_leave_the_choice_to_held_out_pixels() -> None:
-    assert spread_of(errors(spread=0.0, apart=0.0, step=0.0), 0.0) == FIRST_SCALE
 
 
 @pytest.mark.parametrize("step", [0.6, 3.0])

@@ -97,11 +97,6 @@ def test_one_surface_is_one_cluster_about_it_on_any_background(background: float
     assert (np.abs(0.5 * (clusters.low + clusters.high) - 2000.0) < SIGMA_MM).mean() > 0.98
 
 
-def test_surfaces_far_apart_are_a_cluster_each(rng: np.random.Generator) -> None:
-    clusters = find_clusters(_rows(surfaces(rng, (FRAMES, PIXELS), (1500.0, 2500.0), (0.4, 0.6))), BEAM)
-    np.testing.assert_array_equal(_of_pixels(clusters), 2)
-
-
 def test_surfaces_in_one_window_are_no_clear_cluster(rng: np.random.Generator) -> None:
     apart = 7.0 * SIGMA_MM
     clusters = find_clusters(_rows(surfaces(rng, (FRAMES, PIXELS), (2000.0, 2000.0 + apart), (0.5, 0.5))), BEAM)
@@ -217,10 +212,6 @@ def test_counts_of_fog_give_its_density(rng: np.random.Generator) -> None:
     assert density.at(4000.0) < 0.01 * density.at(700.0)
 
 
-def test_no_counts_give_the_uniform_density() -> None:
-    assert smooth_density(np.zeros(10), np.linspace(0.0, 1000.0, 11)).same_as(BackgroundDensity.uniform(0.0, 1000.0))
-
-
 def test_a_peak_as_narrow_as_a_surface_leaves_the_density_and_a_wider_one_stays(rng: np.random.Generator) -> None:
     curve = NoiseCurve(np.array([LOW_MM, TOP_MM]), np.array([SIGMA_MM, SIGMA_MM]))
     edges = cell_edges(curve, LOW_MM, TOP_MM, 8.0)
@@ -272,14 +263,6 @@ def test_a_net_and_a_wall_at_one_range_in_all_pixels_leave_the_density(rng: np.r
     prior = found.background
     assert prior is not None
     assert prior[0] / sum(prior) == pytest.approx(0.5, abs=0.02)
-
-
-def test_the_density_brings_shares_of_background(rng: np.random.Generator) -> None:
-    samples = of_pixels(in_fog(rng, 10, 20, 0.5))
-    found = with_part(whole_fold(Pixels(samples=samples), CAMERA), pixel_noise(), "density")
-    assert found is not None
-    assert found.background is not None
-    assert found.curve.background_density is not None
 
 
 @pytest.mark.compiled("learns the noise of 300 pixels")
@@ -402,11 +385,6 @@ def test_a_jump_is_two_surfaces(height: float, at: float, rng: np.random.Generat
     )
 
 
-def test_two_surfaces_that_take_turns_are_two_where_drift_is_allowed(rng: np.random.Generator) -> None:
-    turns = np.where(rng.random((FRAMES_JUMPS, 1)) < 0.5, 5.0, 0.0)
-    assert (_layers(turns, rng).n_modes == 2).mean() >= 0.97
-
-
 def test_two_surfaces_that_drift_together_are_two(rng: np.random.Generator) -> None:
     both = 12.0 * (rng.random((FRAMES_JUMPS, PIXELS_JUMPS)) < 0.5) + 2.0 * TIME
     samples = RANGE_MM + SIGMA_MM * (both + rng.standard_normal((FRAMES_JUMPS, PIXELS_JUMPS)))
@@ -425,17 +403,6 @@ def test_order_of_frames_matters_only_where_noise_drifts(rng: np.random.Generato
     one, other = (layer_pixels(block, camera_with(DRIFTING)) for block in (samples, mixed))
     assert (one.n_modes == 1).mean() >= 0.97
     assert (other.n_modes > 1).mean() >= 0.9  # a ramp of 6 sigma in any order is wider than one surface
-
-
-def test_neither_block_nor_neighbours_change_a_pixel(rng: np.random.Generator) -> None:
-    samples = (RANGE_MM + SIGMA_MM * (2.0 * TIME + rng.standard_normal((FRAMES_JUMPS, PIXELS_JUMPS)))).astype(
-        np.float32
-    )
-    whole = layer_pixels(samples, camera_with(DRIFTING))
-    for first in range(0, PIXELS_JUMPS, 40):
-        part = layer_pixels(samples[:, first : first + 40], camera_with(DRIFTING))
-        for a, b in zip(part.arrays(), whole.arrays(), strict=True):
-            assert a.tobytes() == b[first : first + 40].tobytes()
 
 
 def test_no_pixel_drifts_on_a_circle(rng: np.random.Generator) -> None:

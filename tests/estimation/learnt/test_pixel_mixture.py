@@ -8,7 +8,7 @@ from support.learnt_noises import ALL, SIGMA_MM, SPAN_MM, Parts, camera, made
 from tofmix.arrays import FloatArray
 from tofmix.estimation.learnt.law import log_prior_t
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.pixel_mixture import PixelMixture, drifts_of, legendre, pixel_mixture, times
+from tofmix.estimation.learnt.pixel_mixture import PixelMixture, legendre, pixel_mixture, times
 
 DRIFTING = Parts(drift_mm=(60.0, 20.0, 10.0))
 
@@ -100,26 +100,6 @@ def test_drifts_are_each_surfaces_own_or_none() -> None:
     ):
         assert not shown.drift_mm.any()
         assert shown.drifts == drifts
-
-
-def test_drift_takes_fewer_degrees_of_freedom_with_a_narrow_prior() -> None:
-    rng = np.random.default_rng(6)
-    law, _ = PixelNoise.of(camera(DRIFTING, (1, 1))).laws()
-    narrow, _ = PixelNoise.of(camera(Parts(drift_mm=(2.0, 0.0, 0.0)), (1, 1))).laws()
-    samples = SIGMA_MM * rng.standard_normal((1, 100))
-    taken = []
-    for known in (law, narrow):
-        _, freedom = drifts_of(
-            samples,
-            range_mm=np.zeros((1, 1)),
-            sigma_mm=np.full((1, 1), SIGMA_MM),
-            weight=np.ones((1, 1)),
-            rest=np.zeros((1, 100)),
-            law=known,
-        )
-        taken.append(float(freedom[0, 0]))
-    assert 2.5 < taken[0] < 3.0
-    assert 0.0 < taken[1] < 0.5
 
 
 @pytest.mark.slow  # compiles the estimator

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import signal
-from support.learnt_pixels import CAMERA, KNOWN, LOW_MM, SIGMA_MM, TOP_MM, camera_with, flat, pixel_noise, surfaces
+from support.learnt_pixels import CAMERA, KNOWN, SIGMA_MM, camera_with, flat, pixel_noise, surfaces
 
 import tofmix as tm
 from tofmix.arrays import FloatArray
@@ -97,15 +97,6 @@ def test_line_describes_the_learnt_noise(rng: np.random.Generator) -> None:
     assert (layers.n_modes == 1).mean() > 0.98
 
 
-@pytest.mark.slow
-def test_gaussian_noise_needs_no_thresholds_and_is_counted_as_ever(rng: np.random.Generator) -> None:
-    samples = surfaces(rng, (60, 300), (2000.0,))
-    found = learn_noise(_recording(samples), window_frames=60)
-    assert found.is_gaussian
-    assert found.sensor.learnt is None
-    assert re.fullmatch(r"sigma [\d.]+( to [\d.]+)? mm, Gaussian, widths alike; learnt from 300 pixels", found.line())
-
-
 def test_few_pixels_give_one_sigma(rng: np.random.Generator) -> None:
     samples = surfaces(rng, (30, 12), (2000.0,))
     found = learn_noise(ArrayRecording(samples.reshape(30, 3, 4), CAMERA), window_frames=30)
@@ -114,18 +105,6 @@ def test_few_pixels_give_one_sigma(rng: np.random.Generator) -> None:
     assert found.sensor.noise.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.15)
     layers = layer_pixels(samples, found.sensor)
     np.testing.assert_array_equal(layers.n_modes, 1)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("few_draws")
-def test_order_of_frames_changes_no_layer_where_noise_does_not_drift(rng: np.random.Generator) -> None:
-    samples = surfaces(rng, (60, 300), (2000.0,), errors=KNOWN["skewed"].draw).astype(np.float32).astype(np.float64)
-    found, layers = _learnt(samples)
-    assert found.sensor.learnt is not None
-    assert not found.sensor.learnt.drift_mm.any()
-    again = layer_pixels(samples[rng.permutation(60)], found.sensor)
-    for a, b in zip(layers.arrays(), again.arrays(), strict=True):
-        assert a.tobytes() == b.tobytes()
 
 
 @pytest.mark.slow
@@ -139,27 +118,6 @@ def test_step_in_mid_window_stays_two_layers_among_drifting_pixels(rng: np.rando
     assert "pixels drift by" in found.line()
     np.testing.assert_array_equal(layers.n_modes[:15], 2)
     assert (layers.n_modes[15:] == 1).mean() >= 0.99
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("few_draws")
-def test_recording_of_background_alone_has_no_surface(rng: np.random.Generator) -> None:
-    _, layers = _learnt(rng.uniform(LOW_MM, TOP_MM, (60, 300)))
-    assert (layers.n_modes > 0).mean() <= 0.02
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("few_draws")
-def test_samples_in_steps_of_two_sigma_teach_without_failure(rng: np.random.Generator) -> None:
-    step = 2.0 * SIGMA_MM
-    place = rng.uniform(-300.0, 300.0, 300)
-    found, layers = _learnt(step * np.rint(surfaces(rng, (60, 300), (2000.0,), drift_mm=place) / step))
-    assert found.sensor.noise is not None
-    # Between the camera's noise, and that with the spread of its steps and of what stands in for them.
-    sigma = float(found.sensor.noise.sigma(2000.0))
-    assert 0.9 * SIGMA_MM <= sigma <= 1.1 * np.sqrt(SIGMA_MM**2 + step**2 / 6.0)
-    assert (layers.n_modes >= 1).all()
-    assert (layers.n_modes == 1).mean() >= 0.85
 
 
 def test_constant_samples_are_reported_and_are_one_surface() -> None:
@@ -242,13 +200,6 @@ def test_a_curve_that_states_parts_gets_the_gains_of_its_own_noise(rng: np.rando
     assert (layer_pixels(samples, sensor).n_modes == 1).mean() >= 0.95
     with pytest.raises(ValueError, match="no noise curve"):
         calibrated(_recording(samples), window_frames=40)
-
-
-@pytest.mark.parametrize("rows", [1, 2, 3])
-def test_images_of_few_rows_are_learnt_from(rows: int, rng: np.random.Generator) -> None:
-    samples = surfaces(rng, (20, 20_000 // rows * rows), (2000.0,)).reshape(20, rows, -1)
-    source = ArrayRecording(samples.astype(np.float32), CAMERA)
-    assert len(pixels_of(source, 20, 20, most=100).samples) >= 50
 
 
 @pytest.mark.parametrize(
@@ -505,14 +456,6 @@ def test_widths_are_learnt_and_nothing_else(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.slow
-def test_wide_pixels_that_seem_two_surfaces_count_in_the_spread_of_widths(rng: np.random.Generator) -> None:
-    frames = 200  # with so many, the count under one width splits a third of the pixels
-    width = np.exp(0.3 * rng.standard_normal(PIXELS))
-    model = _learnt_learning(surfaces(rng, (frames, PIXELS), (2000.0,), width=width))
-    assert model.noise.curve.width_spread == pytest.approx(0.3, abs=0.06)
-
-
-@pytest.mark.slow
 def test_background_of_each_pixel_is_learnt_and_nothing_else(rng: np.random.Generator) -> None:
     share = rng.uniform(0.0, 0.9, PIXELS)
     model = _learnt_learning(surfaces(rng, (FRAMES_LEARNING, PIXELS), (2000.0,), background=share))
@@ -561,12 +504,6 @@ def test_sigma_is_that_of_all_errors_where_drifts_follow_errors_that_remember(rn
     model = _learnt_learning(2000.0 + SIGMA_MM * z)
     assert model.noise.drift_mm.any()
     assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.04)
-
-
-@pytest.mark.slow
-def test_pixels_of_background_alone_teach_background_and_not_one_wide_surface(rng: np.random.Generator) -> None:
-    model = _learnt_learning(rng.uniform(LOW_MM, TOP_MM, (FRAMES_LEARNING, PIXELS)))
-    assert model.noise.background is not None
 
 
 @pytest.mark.slow
@@ -642,13 +579,6 @@ def test_forbidden_parts_are_skipped_and_required_parts_are_learnt(rng: np.rando
     plain = surfaces(rng, (40, 90), (2000.0,))
     insisted = _learnt_learning(plain, shape=False, widths=True, drift=False)
     assert _parts(insisted) <= {"widths", "background"}
-
-
-def test_same_pixels_give_the_same_noise(rng: np.random.Generator) -> None:
-    samples = surfaces(rng, (40, 60), (2000.0,), background=0.2)
-    one, other = _learnt_learning(samples, shape=False), _learnt_learning(samples.copy(), shape=False)
-    np.testing.assert_array_equal(one.noise.curve.sigma_mm, other.noise.curve.sigma_mm)
-    assert (one.noise.background, one.noise.memory) == (other.noise.background, other.noise.memory)
 
 
 @pytest.mark.slow

@@ -59,24 +59,7 @@ def test_tails_fall_and_hold_what_was_seen(rng: np.random.Generator) -> None:
         assert found.quantile(chance) == pytest.approx(true, rel=0.15)
 
 
-@pytest.mark.parametrize("count", [40, 200])
-def test_few_gaussian_errors_give_nearly_a_gaussian(count: int, rng: np.random.Generator) -> None:
-    for _ in range(3):
-        found = fit_shape(_folds(rng.standard_normal(count)))
-        assert found is not None
-        # Twice what sampling does to a distribution function: 0.5 / sqrt(n) at most.
-        assert np.abs(found.cdf(AT) - stats.norm.cdf(AT)).max() < 1.0 / np.sqrt(count)
-
-
 def test_no_errors_are_no_shape() -> None:
     empty = np.zeros(len(CENTRES))
     assert fit_shape((empty, empty)) is None
     assert fit_shape((histogram(np.linspace(-1.0, 1.0, 50)), empty)) is None
-
-
-def test_shape_does_not_depend_on_which_half_is_first(rng: np.random.Generator) -> None:
-    one, other = _folds(KNOWN["skewed"].draw(rng, (4000,)))
-    a, b = fit_shape((one, other)), fit_shape((other, one))
-    assert a is not None
-    assert b is not None
-    np.testing.assert_allclose(a.density, b.density, rtol=1e-9)

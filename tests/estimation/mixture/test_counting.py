@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support import naive
+from support.cameras import camera_of
 from support.drawing import draw
 from support.sizes import sized
 
@@ -26,9 +27,9 @@ from tofmix.estimation.mixture.counting import (
     try_one_more,
 )
 from tofmix.estimation.mixture.em import MEAN, SIGMA, WEIGHT, expectation_maximisation
-from tofmix.estimation.mixture.gain_bound import gain_bound_of_clear, steepest_place
+from tofmix.estimation.mixture.gain_bound import gain_bound_of_clear
 from tofmix.estimation.samples import Readings, readings_of
-from tofmix.estimation.settings import MODE_TIED, EstimateOptions, Refine, SigmaMode
+from tofmix.estimation.settings import MODE_TIED, EstimateOptions, Refine
 from tofmix.sensor import NoiseCurve, Sensor
 
 
@@ -45,13 +46,6 @@ def test_false_alarms_have_the_requested_rate(
     # Three binomial standard deviations, and a fifth for what the table's own draws leave open.
     margin = 3 * np.sqrt(false_alarm / pixels) + 0.2 * false_alarm
     assert abs(alarms - false_alarm) < margin
-
-
-@pytest.mark.compiled("a frequency over 20000 pixels")
-def test_few_surfaces_are_doubled_by_default(rng: np.random.Generator, sensor: Sensor) -> None:
-    samples = draw(rng, sensor, ranges_mm=[2500], shares=[1.0], n=100, pixels=20000, outliers=1e-4)
-    # 20 +- 4.5 expected
-    assert np.sum(layer_pixels(samples, sensor).n_modes != 1) < 20 + 4 * 4.5
 
 
 @pytest.mark.parametrize(
@@ -161,16 +155,6 @@ def test_the_weakest_surfaces_give_way_to_max_layers(rng: np.random.Generator, s
         np.testing.assert_allclose(layers.range.mean(axis=0), [800, 3600], atol=80)
 
 
-def test_without_refinement_the_peaks_are_the_surfaces(rng: np.random.Generator, sensor: Sensor) -> None:
-    samples = draw(rng, sensor, ranges_mm=[800, 2600], shares=[0.5, 0.5], n=100, pixels=sized(300, 40))
-    options = EstimateOptions(refine=Refine.NONE, sigma=SigmaMode.TIED)
-    layers = layer_pixels(samples, sensor, options)
-    as_peaks = layers.n_modes == layers.n_peaks
-    assert np.mean(as_peaks) > 0.9  # a component may lose its samples to another in the fit
-    assert np.any(layers.n_peaks > 2)
-    assert np.all(layer_pixels(samples, sensor).n_modes[layers.n_peaks > 3] <= 3)
-
-
 def test_probability_is_higher_for_strong_layers(rng: np.random.Generator, sensor: Sensor) -> None:
     samples = draw(rng, sensor, ranges_mm=[1500, 1570], shares=[0.5, 0.5], n=100, pixels=sized(300, 40))
     layers = layer_pixels(samples, sensor, EstimateOptions(false_alarm=0.05))
@@ -184,13 +168,7 @@ def test_probability_is_higher_for_strong_layers(rng: np.random.Generator, senso
 @pytest.mark.parametrize("outliers", [0.3, 1e-4])
 def test_the_probability_of_an_isolated_surface_is_that_of_its_gain_over_outliers(outliers: float) -> None:
     sigma, span, frames = 20.0, 6000.0, 100
-    camera = Sensor(
-        name="isolated",
-        range_min_mm=0.0,
-        range_max_mm=span,
-        outlier_probability=outliers,
-        noise=NoiseCurve(np.array([1000.0]), np.array([sigma])),
-    )
+    camera = camera_of([1000.0], [sigma], reach_mm=(0.0, span), outlier_probability=outliers)
     rng = np.random.default_rng(5)
     samples = np.full((frames, 2), np.nan)
     samples[:, :] = 4000.0 + sigma * rng.standard_normal((frames, 2))
@@ -255,16 +233,3 @@ def test_gain_bound_is_infinite_where_surfaces_overlap(rng: np.random.Generator,
     away = np.append(draw(rng, sensor, ranges_mm=[1500], shares=[1.0], n=99, pixels=1)[:, 0], 3000.0)
     data, beam, work = _fitted(away, [1500.0], sensor)
     assert gain_bound_of_clear(data, 1, work.fit, beam, work.scratch, math.inf) == math.inf
-
-
-@pytest.mark.slow
-def test_gain_bound_agrees_with_the_exhaustive_search(rng: np.random.Generator, sensor: Sensor) -> None:
-    block = draw(rng, sensor, ranges_mm=[1200, 3000], shares=[0.5, 0.5], n=200, pixels=sized(200, 30))
-    both = []
-    for column in block.T:
-        data, beam, work = _fitted(column, [1200.0, 3000.0], sensor)
-        quick = gain_bound_of_clear(data, 2, work.fit, beam, work.scratch, math.inf)
-        both.append((quick, steepest_place(data, 2, work.fit, beam, work.scratch, math.inf)[2]))
-    quick, full = np.array([pair for pair in both if np.isfinite(pair[0])]).T
-    assert len(quick) > sized(150, 20)
-    assert np.corrcoef(quick, full)[0, 1] > sized(0.8, 0.6)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from support.cameras import camera_of
 from support.sizes import sized
 
 from tofmix.estimation.blocks.sequence import estimate_layers
@@ -91,13 +92,7 @@ def test_a_bend_is_measured(rng: np.random.Generator) -> None:
 
 
 LAW = AmplitudeLaw(np.full(2, 100.0), np.array([10.0, 1000.0]), np.array([10.0, 0.1]))
-CAMERA = Sensor(
-    name="law",
-    range_min_mm=300.0,
-    range_max_mm=6000.0,
-    outlier_probability=0.0,
-    noise=NoiseCurve(np.array([1000.0, 3000.0]), np.array([10.0, 30.0]), LAW),
-)
+CAMERA = camera_of([1000.0, 3000.0], [10.0, 30.0], LAW, reach_mm=(300.0, 6000.0), outlier_probability=0.0)
 
 
 def test_each_surface_of_a_pixel_has_its_own_sigma(rng: np.random.Generator) -> None:

@@ -16,7 +16,7 @@ from pypcd4.pypcd4 import PointCloud
 from support import naive_png
 from support.made_up import LayersInMemory, made_up_layers
 
-from tofmix.errors import BadInputError, StorageError, UsageError
+from tofmix.errors import BadInputError, UsageError
 from tofmix.io.exporters import POINT_WRITERS, export_image, export_points
 from tofmix.io.exporters.clouds import SCALE_M
 from tofmix.io.exporters.image import RangeImage
@@ -119,33 +119,6 @@ def test_the_same_layers_give_the_same_bytes(tmp_path: Path, suffix: str) -> Non
     for name in ("a", "b"):
         export_points(tmp_path / f"{name}{suffix}", points_of(), title="a test")
     assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
-
-
-@pytest.mark.parametrize("suffix", POINT_WRITERS)
-def test_file_without_points_is_valid(tmp_path: Path, suffix: str) -> None:
-    layers = made_up_layers(SHAPE, MAX_LAYERS)
-    layers.range[...] = np.nan
-    path = tmp_path / f"a{suffix}"
-    assert export_points(path, LayerPoints(LayersInMemory(layers), **VIEW), title="nothing") == 0
-    if suffix == ".ply":
-        assert len(plyfile.PlyData.read(path)["vertex"].data) == 0
-    elif suffix == ".pcd":
-        assert PointCloud.from_path(path).points == 0
-    elif suffix == ".csv":
-        assert path.read_text().count("\n") == 1
-    else:
-        assert len(laspy.read(path)) == 0
-
-
-@pytest.mark.parametrize("suffix", POINT_WRITERS)
-def test_full_disk_leaves_no_export(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.pwrite", fail)
-    with pytest.raises(StorageError, match="No space left"):
-        export_points(tmp_path / f"a{suffix}", points_of(), title="a test")
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".pcd", ".las"])

@@ -5,7 +5,6 @@ import ctypes
 import io
 import subprocess
 import sys
-import threading
 import zlib
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -25,7 +24,7 @@ from tofmix.io.guard import guard, structure_rules
 from tofmix.io.guard.guard import StructureChecker
 from tofmix.io.guard.hdf5_memory import reserve_memory
 from tofmix.io.guard.structure_rules import LIMITS, RefusedError, check_structure
-from tofmix.io.guard.watchdog import Watchdog, limit_s
+from tofmix.io.guard.watchdog import limit_s
 from tofmix.io.recording.recording_file import open_recording
 
 EVERYTHING = (slice(None), slice(None))
@@ -171,13 +170,6 @@ def test_a_file_that_is_replaced_is_read_as_it_was(tmp_path: Path) -> None:
         write_recording(tmp_path / "b.h5", samples + 1).replace(path)
         np.testing.assert_array_equal(source.read_range(*EVERYTHING), samples)
         assert source.sha256() == before
-
-
-def test_file_replaced_after_the_check_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write_recording(tmp_path / "a.h5", boards())
-    monkeypatch.setattr(StructureChecker, "check", lambda *_: [0, 0, 0, 0])
-    with pytest.raises(BadInputError, match="the file was replaced between check and opening"), open_recording(path):
-        pass
 
 
 def test_file_image_in_memory_is_checked(tmp_path: Path) -> None:
@@ -361,17 +353,6 @@ def test_counts_and_attributes_are_bounded(tmp_path: Path, change: Change, bound
             check_structure(root, path.stat().st_size, limits)
 
 
-def test_no_data_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write_recording(tmp_path / "r.h5", boards(), chunks=(7, 3, 4), compression="gzip")
-
-    def fail(*_: object) -> None:
-        pytest.fail("data were read")
-
-    monkeypatch.setattr(h5py.Dataset, "__getitem__", fail)
-    with h5py.File(path) as root:
-        check_structure(root, path.stat().st_size)
-
-
 def test_chunks_outside_of_the_file_are_refused(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "r.h5", boards(200, 16, 20), chunks=(7, 3, 4), compression="gzip")
     with h5py.File(path) as root, pytest.raises(RefusedError, match="range: its index of chunks is damaged"):
@@ -466,15 +447,6 @@ def test_valid_chunks_are_read_in_every_way(tmp_path: Path, settings: dict[str, 
             np.testing.assert_array_equal(dataset[part], samples[part])
 
 
-@pytest.mark.usefixtures("_every_chunk")
-def test_chunks_stored_without_compression_are_read(tmp_path: Path) -> None:
-    path = write_recording(tmp_path / "a.h5", boards(50), chunks=(25, 4, 6), compression="gzip")
-    with h5py.File(path, "r+") as root:
-        root["range"].id.write_direct_chunk((25, 0, 0), boards(50)[25:].tobytes(), 1)
-    with open_recording(path) as recording:
-        np.testing.assert_array_equal(recording.read_range(*EVERYTHING), boards(50))
-
-
 PROGRAM = """
 import sys, time
 from pathlib import Path
@@ -501,25 +473,25 @@ def test_a_read_that_hangs_ends_the_program(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_reads_that_end_in_time_are_not_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TOFMIX_READ_TIMEOUT", "0.2")
-    monkeypatch.setattr("tofmix.io.guard.watchdog.POLL_S", 0.01)
-    told: list[tuple[str, float]] = []
-    gone = threading.Event()
-
-    def give_up(what: str, seconds: float) -> None:
-        told.append((what, seconds))
-        gone.set()
-
-    dog = Watchdog(give_up)
-    with dog.over("quick"):
-        pass
-    with dog.over("slow"):
-        assert gone.wait(30)
-    assert told == [("slow", 0.2)]
-
-
 @pytest.mark.parametrize(("text", "expected"), [("3.5", 3.5), ("", 7.0), ("-1", 7.0), ("inf", 7.0), ("soon", 7.0)])
 def test_the_limit_is_a_number_above_0(monkeypatch: pytest.MonkeyPatch, text: str, expected: float) -> None:
     monkeypatch.setenv("TOFMIX_READ_TIMEOUT", text)
     assert limit_s(7.0) == expected
+
+
+def test_no_data_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_recording(tmp_path / "r.h5", boards(), chunks=(7, 3, 4), compression="gzip")
+
+    def fail(*_: object) -> None:
+        pytest.fail("data were read")
+
+    monkeypatch.setattr(h5py.Dataset, "__getitem__", fail)
+    with h5py.File(path) as root:
+        check_structure(root, path.stat().st_size)
+
+
+def test_file_replaced_after_the_check_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_recording(tmp_path / "a.h5", boards())
+    monkeypatch.setattr(StructureChecker, "check", lambda *_: [0, 0, 0, 0])
+    with pytest.raises(BadInputError, match="the file was replaced between check and opening"), open_recording(path):
+        pass

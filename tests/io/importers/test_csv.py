@@ -86,12 +86,6 @@ def test_invalid_cell_is_refused_with_the_number_of_samples_before_it(
         _read(tmp_path / "a.csv", lines)
 
 
-@pytest.mark.parametrize("text", ["", "# nothing but a remark\n\n"])
-def test_a_header_alone_is_refused(tmp_path: Path, text: str) -> None:
-    with pytest.raises(BadInputError, match="no sample below its header"):
-        _read(tmp_path / "a.csv", text.splitlines())
-
-
 RNG = np.random.default_rng(3)
 WALL = np.rint(RNG.normal(900.0, 4.0, (6, 2, 3)))
 
@@ -146,12 +140,6 @@ def test_decimal_commas_are_read_with_a_note(tmp_path: Path, mark: str, suffix: 
     assert any("decimal commas" in note for note in notes)
 
 
-def test_utf_16_is_read_with_a_note(tmp_path: Path) -> None:
-    frames, notes = read(write(tmp_path / "a.csv", ["frame,row,col,range_mm", *long()], "utf-16"))
-    np.testing.assert_array_equal(depths(frames), WALL)
-    assert notes == (f"{tmp_path / 'a.csv'}: read as UTF-16",)
-
-
 def test_columns_are_named_by_the_option(tmp_path: Path) -> None:
     lines = ["shot,y,x,depth_cm", *long()]
     with open_source(
@@ -197,20 +185,6 @@ def test_zone_takes_the_place_of_row_and_column(tmp_path: Path) -> None:
         read(path)
 
 
-def test_frames_are_told_by_their_times_where_they_have_no_number(tmp_path: Path) -> None:
-    lines = [line.split(",", 1)[1] + f",{k // 6 / 30:.4f}" for k, line in enumerate(long())]
-    frames, _ = read(write(tmp_path / "a.csv", ["row,col,range,time", *lines]))
-    np.testing.assert_array_equal(depths(frames), WALL)
-    np.testing.assert_allclose([frame.time_s or 0.0 for frame in frames], np.arange(6) / 30, atol=1e-4)
-
-
-def test_frame_counter_that_starts_again_is_counted_on(tmp_path: Path) -> None:
-    lines = long(frame=lambda k: k % 4)
-    frames, notes = read(write(tmp_path / "a.csv", ["frame,row,col,range", *lines]))
-    np.testing.assert_array_equal(depths(frames), WALL)
-    assert any("its frame counter starts again once; the frames are counted on" in note for note in notes)
-
-
 @pytest.mark.parametrize(
     ("name", "stamp", "unit", "said"),
     [
@@ -253,12 +227,6 @@ def test_status_codes_are_used_where_they_are_known_and_named_where_not(tmp_path
         read(path, valid_status=("state", (1,)))
 
 
-def test_cell_of_a_hundred_thousand_characters_is_refused_in_one_line(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.csv", ["[" * 200_000 + ",1", *wide()])
-    with pytest.raises(BadInputError, match=r"a\.csv: cannot be read: field larger than field limit"):
-        read(path, shape=(2, 3))
-
-
 @pytest.mark.parametrize("late_s", [0.0, 0.017])
 def test_clock_that_restarts_with_the_frame_counter_is_marked_as_a_new_start(tmp_path: Path, late_s: float) -> None:
     stamp = [0.05 * (k % 3) + late_s * (k // 3) for k in range(6)]
@@ -275,13 +243,6 @@ def test_first_frame_with_lost_samples_is_no_header(tmp_path: Path, first: str) 
     np.testing.assert_array_equal(frames[0].depth, frames[-1].depth)
     assert np.isnan(frames[0].depth).sum() in (2, 3)
     assert notes == ()
-
-
-def test_line_of_names_and_numbers_is_a_header_and_a_note(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.csv", ["a,b,c,17,18,19", *wide()])
-    frames, notes = read(path, shape=(2, 3))
-    np.testing.assert_array_equal(depths(frames), WALL)
-    assert notes == (f"{path}: its first line, a to 19, is taken as a header",)
 
 
 def test_word_among_numbers_of_the_first_line_is_refused(tmp_path: Path) -> None:
@@ -325,21 +286,6 @@ def test_unit_in_the_names_of_all_pixels_is_used(tmp_path: Path, names: str, uni
     with open_source(path, SourceRequest(shape=(2, 3))) as source:
         assert source.unit_mm == unit_mm
         np.testing.assert_array_equal(depths(list(source.frames)), WALL)
-
-
-def test_different_units_in_the_names_of_pixels_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadInputError, match=r"different units of its columns; give --units or --scale"):
-        read(write(tmp_path / "a.csv", ["a_m,b_m,c_m,d_cm,e_m,f_m", *wide()]), shape=(2, 3))
-
-
-@pytest.mark.parametrize("mark", [";", "\t"])
-def test_decimal_comma_may_come_in_any_line(tmp_path: Path, mark: str) -> None:
-    lines = [line.replace(",", mark) for line in long()]
-    lines[-1] += ",5"
-    path = write(tmp_path / "a.csv", [mark.join(["frame", "row", "col", "range"]), *lines])
-    frames, notes = read(path)
-    assert frames[-1].depth[-1, -1] == WALL[-1, -1, -1] + 0.5
-    assert notes == (f"{path}: commas in its numbers are decimal commas",)
 
 
 def test_decimal_commas_in_quotes_are_read(tmp_path: Path) -> None:

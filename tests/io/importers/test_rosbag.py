@@ -16,7 +16,6 @@ from tofmix.errors import BadInputError, UsageError
 from tofmix.io.importers import open_source
 from tofmix.io.importers.base import SourceRequest
 from tofmix.io.importers.intrinsics import read_calibration
-from tofmix.io.importers.rosbag import _is_rectified
 from tofmix.optics.pinhole import Pinhole
 
 SECOND = 10**9
@@ -110,16 +109,6 @@ def test_intrinsics_come_from_the_camera_info_of_the_depths(tmp_path: Path) -> N
         read_source(path, camera_info="/none")
 
 
-def test_uncalibrated_camera_is_noted(tmp_path: Path) -> None:
-    with new_bag(tmp_path, "ros1") as (bag, path):
-        bag.info(INFO, (4, 6), (0.0, 0.0, 0.0, 0.0))
-        bag.image(DEPTH, images()[0], stamp_ns=SECOND)
-    source, _ = read_source(path)
-    (said,) = source.notes
-    assert "not calibrated" in said
-    assert source.pinhole is None
-
-
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
 @pytest.mark.parametrize("topic", ["/camera/depth/image_raw", "/camera/depth/image_rect_raw"])
 def test_raw_images_take_the_lens_and_rectified_ones_the_projection(tmp_path: Path, kind: str, topic: str) -> None:
@@ -186,13 +175,6 @@ def test_the_topic_is_chosen_or_the_candidates_are_listed(tmp_path: Path) -> Non
         read_source(path, topic=AMPLITUDE)
 
 
-def test_a_bag_without_depths_lists_its_images(tmp_path: Path) -> None:
-    with new_bag(tmp_path, "mcap") as (bag, path):
-        bag.image("/color", np.ones((4, 6), "u1"), stamp_ns=SECOND)
-    with pytest.raises(BadInputError, match=r"no topic of depth images .*/color \(mono8\)"):
-        read_source(path)
-
-
 def test_mono16_is_depth_by_the_name_of_its_topic_and_its_unit_must_be_given(tmp_path: Path) -> None:
     with new_bag(tmp_path, "mcap") as (bag, path):
         bag.image(DEPTH, images()[0], stamp_ns=SECOND, encoding="mono16")
@@ -201,23 +183,6 @@ def test_mono16_is_depth_by_the_name_of_its_topic_and_its_unit_must_be_given(tmp
         with open_source(path, request) as source:
             assert "the unit is not known" in source.unit_unknown
             np.testing.assert_array_equal(next(source.frames).depth, images()[0])
-
-
-@pytest.mark.parametrize(
-    ("change", "reason"),
-    [
-        ("size", "3 x 6 pixels, the first frame has 4 x 6"),
-        ("type", "first frame has"),
-        ("short", "do not make an image of"),
-    ],
-)
-def test_images_that_differ_are_refused(tmp_path: Path, change: str, reason: str) -> None:
-    with new_bag(tmp_path, "mcap") as (bag, path):
-        bag.image(DEPTH, images()[0], stamp_ns=SECOND)
-        image = {"size": images()[1][:3], "type": images("f4")[1]}.get(change, images()[1])
-        bag.image(DEPTH, image, stamp_ns=2 * SECOND, lost_bytes=2 if change == "short" else 0)
-    with pytest.raises(BadInputError, match=reason):
-        read_source(path)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -253,13 +218,6 @@ def test_damaged_bytes_are_refused_or_read(tmp_path: Path, kind: str) -> None:
             refused.append(str(error))
     assert refused
     assert not any("\n" in text for text in refused)
-
-
-def test_bag_folder_with_broken_metadata_is_refused(tmp_path: Path) -> None:
-    path = simple_bag(tmp_path, "sqlite3")
-    (path / "metadata.yaml").write_text("rosbag2_bagfile_information: [")
-    with pytest.raises(BadInputError, match="bag_sqlite3"):
-        read_source(path)
 
 
 @pytest.mark.parametrize("count", ["[[1.0]]", "9" * 30, "text"])
@@ -308,20 +266,6 @@ def test_camera_info_is_found_under_the_names_of_drivers(tmp_path: Path, topic: 
     assert (source.pinhole, source.notes) == (PINHOLE, ())
 
 
-@pytest.mark.parametrize(
-    ("topic", "expected"),
-    [
-        ("/d/image_rect", True),
-        ("/d/image_rect_raw", True),
-        ("/d/image_direct", False),
-        ("/rect/image_raw", False),
-        ("/d/rectangle", False),
-    ],
-)
-def test_rectified_is_a_word_of_the_topics_last_part(topic: str, *, expected: bool) -> None:
-    assert _is_rectified(topic) == expected
-
-
 def test_camera_info_elsewhere_is_named_where_none_is_beside_the_depths(tmp_path: Path) -> None:
     with new_bag(tmp_path, "mcap") as (bag, path):
         bag.info("/color/camera_info", (4, 6), OTHER)
@@ -340,16 +284,6 @@ def test_the_first_calibrated_message_is_used_and_the_blank_ones_are_counted(tmp
     source, _ = read_source(path)
     assert source.pinhole == PINHOLE
     assert source.notes == (f"{path}: {INFO}: 2 of its messages are not calibrated (zeros); the others are used",)
-
-
-def test_a_calibrated_topic_is_used_where_the_nearest_one_is_blank(tmp_path: Path) -> None:
-    with new_bag(tmp_path, "mcap") as (bag, path):
-        bag.info(INFO, (4, 6), (0.0,) * 4)
-        bag.info(f"{DEPTH}/camera_info", (4, 6), LENS)
-        frames(bag)
-    source, _ = read_source(path)
-    assert source.pinhole == PINHOLE
-    assert "not calibrated" in source.notes[0]
 
 
 def test_projection_is_used_without_a_camera_matrix(tmp_path: Path) -> None:
@@ -427,13 +361,6 @@ def test_unit_of_a_realsense_bag_is_its_message(tmp_path: Path, kind: str) -> No
     assert (source.unit_mm, source.unit_unknown, source.notes) == (0.5, "", ())
 
 
-def test_message_of_the_unit_beats_the_millimetres_of_16uc1(tmp_path: Path) -> None:
-    with new_bag(tmp_path, "mcap") as (bag, path):
-        bag.number(SDK_UNIT, 0.0001)
-        bag.image(SDK_DEPTH, image(), stamp_ns=SECOND)
-    assert read_source(path)[0].unit_mm == 0.1
-
-
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
@@ -451,14 +378,6 @@ def test_units_that_change_or_are_none_are_refused(tmp_path: Path, values: tuple
         read_source(path)
 
 
-def test_mono16_of_depth_without_a_unit_says_so(tmp_path: Path) -> None:
-    with new_bag(tmp_path, "sqlite3") as (bag, path):
-        bag.image("/cam/z16/image", image(), stamp_ns=SECOND, encoding="mono16")
-    source, _ = read_source(path)
-    assert source.unit_mm is None
-    assert source.unit_unknown.startswith("/cam/z16/image: mono16 without a message")
-
-
 @pytest.mark.parametrize(
     "other",
     ["/cam/infra1/image_raw", "/cam/amplitude", "/cam/depth/confidence", "/device_0/sensor_1/Infrared_1/image/data"],
@@ -472,31 +391,6 @@ def test_depth_is_taken_beside_other_images_and_these_are_named(tmp_path: Path, 
     assert source.kind == f"16UC1 images of {DEPTH}"
     assert source.notes == (f"{path}: not used: topic {other}",)
     assert read_source(path, amplitude=other)[0].notes == ()
-
-
-def test_colour_beside_depth_needs_no_word(tmp_path: Path) -> None:
-    with new_bag(tmp_path, "mcap") as (bag, path):
-        bag.image("/cam/color/image_raw", np.zeros((4, 18), "u1"), stamp_ns=SECOND, encoding="rgb8")
-        bag.image(DEPTH, image(), stamp_ns=SECOND)
-    assert read_source(path)[0].notes == ()
-
-
-@pytest.mark.parametrize("topic", ["/cam/infra1/image_raw", "/cam/disparity", AMPLITUDE])
-def test_images_of_another_kind_alone_are_listed(tmp_path: Path, topic: str) -> None:
-    with new_bag(tmp_path, "mcap") as (bag, path):
-        bag.image(topic, image(), stamp_ns=SECOND)
-    with pytest.raises(BadInputError, match=rf"no topic of depth images .*--topic from its images: {topic} \(16UC1\)"):
-        read_source(path)
-
-
-def test_depth_seen_from_the_colour_camera_and_raw_are_listed(tmp_path: Path) -> None:
-    aligned = "/camera/aligned_depth_to_color/image_raw"
-    with new_bag(tmp_path, "mcap") as (bag, path):
-        for topic in (DEPTH, aligned):
-            bag.image(topic, image(), stamp_ns=SECOND)
-    with pytest.raises(BadInputError, match=rf"several topics of depth images.*{aligned} \(16UC1\), {DEPTH}"):
-        read_source(path)
-    assert read_source(path, topic=aligned)[0].notes == ()
 
 
 def test_encodings_that_are_not_read_are_named_and_not_offered(tmp_path: Path) -> None:
@@ -528,15 +422,6 @@ def test_compressed_depths_are_named_with_the_command_that_unpacks_them(
 INFO_INTRINSICS = "height: 4\nwidth: 6\nk: [5.0, 0, 2.5, 0, 5.5, 1.5, 0, 0, 1]\nd: [0, 0, 0, 0, 0]\n"
 DEPTH_INTRINSICS = {"fx": 210.5, "fy": 211.0, "cx": 88.25, "cy": 72.0, "width": 176}
 COLOUR = {"fx": 600.0, "fy": 601.0, "cx": 320.0, "cy": 240.0, "width": 640}
-
-
-@pytest.mark.parametrize(
-    "text", [f"{INFO_INTRINSICS}---\n", f"---\n{INFO_INTRINSICS}---\n{INFO_INTRINSICS.replace('5.0', '9.0')}---\n"]
-)
-def test_the_first_message_of_ros2_topic_echo_is_read(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "info.yaml"
-    path.write_text(text)
-    assert read_calibration(path).pinhole((4, 6), rectified=False) == Pinhole(fx=5.0, fy=5.5, cx=2.5, cy=1.5)
 
 
 def test_of_several_messages_the_first_one_that_is_calibrated_is_read(tmp_path: Path) -> None:

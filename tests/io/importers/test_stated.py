@@ -15,14 +15,13 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 from scipy.io import netcdf_file, savemat
 from support import naive_png
-from support.bags import new_bag
 from support.commandline import succeed
 from support.reading import depths, read_source
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError, UsageError
-from tofmix.io.importers.conversion import depths_among, stream_of, stream_of_file
-from tofmix.io.importers.times import epoch_unit_s, settled, time_unit_s, times_of_array, unit_of_stamps
+from tofmix.io.importers.conversion import depths_among, stream_of
+from tofmix.io.importers.times import settled, time_unit_s, times_of_array, unit_of_stamps
 
 WALL = np.rint(np.random.default_rng(7).normal(2100.0, 6.0, (9, 4, 5)))
 
@@ -80,16 +79,6 @@ def test_frames_that_were_never_written_have_the_fill_value_of_their_dataset(tmp
     assert np.isnan(imported_mm(tmp_path / "a.h5"))[:, 0, 0].tolist() == [False] * 6 + [True] * 3
 
 
-def test_default_fill_value_counts_in_netcdf_alone(tmp_path: Path) -> None:
-    values = WALL.astype("u1")
-    values[0, 0, 0] = 77
-    for name, dtype, fill in (("a.nc", "i4", -2147483647), ("b.nc", "f4", 9.96921e36)):
-        stored = WALL.astype(dtype)
-        stored[0, 0, 0] = fill
-        found = imported_mm(write_hdf5(tmp_path / name, stored, units="mm"))
-        assert np.isnan(found).sum() == 1
-
-
 @pytest.mark.parametrize("images", [False, True])
 def test_whole_numbers_that_are_marked_as_unsigned_are_read_so(tmp_path: Path, *, images: bool) -> None:
     # netCDF-3 has no unsigned numbers: 2100 mm in steps of 0.05 mm are 42,000, stored as -23,536.
@@ -110,12 +99,6 @@ def test_whole_numbers_that_are_marked_as_unsigned_are_read_so(tmp_path: Path, *
                 }
             )
     np.testing.assert_allclose(imported_mm(path), expected, rtol=1e-6)
-
-
-def test_damaged_packing_is_refused(tmp_path: Path) -> None:
-    path = write_hdf5(tmp_path / "a.h5", WALL, scale_factor="half")
-    with pytest.raises(BadInputError, match="scale_factor: expected a number"):
-        read_source(path)
 
 
 @pytest.mark.parametrize(
@@ -142,13 +125,6 @@ def test_axes_are_told_by_the_names_of_dimensions_with_a_note(tmp_path: Path) ->
     table.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
     np.testing.assert_array_equal(depths(tmp_path / "a.nc"), WALL)
     assert "the dimensions y,x,time are taken as --axes row,col,frame" in read_source(tmp_path / "a.nc")[0].notes[0]
-
-
-def test_a_dataset_a_frame_is_a_sequence_in_natural_order(tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "a.h5", "w") as root:
-        for k in range(9):
-            root[f"shot_{k + 3}/depth"], root[f"shot_{k + 3}/infrared"] = WALL[k], WALL[k] * 2
-    np.testing.assert_array_equal(depths(tmp_path / "a.h5"), WALL)
 
 
 def write_arrays(folder: Path, kind: str, **arrays: NDArray[Any]) -> Path:
@@ -231,13 +207,6 @@ def test_calibration_of_imagej_is_used(
     np.testing.assert_array_equal([frame.depth for frame in frames], WALL)
 
 
-def test_channels_of_imagej_have_no_names_and_are_refused(tmp_path: Path) -> None:
-    stack = np.stack([WALL, WALL + 500], axis=1).astype("u2")
-    tifffile.imwrite(tmp_path / "a.tif", stack, imagej=True, metadata={"axes": "TCYX"})
-    with pytest.raises(BadInputError, match=r"2 channels .* not one sequence of depths"):
-        read_source(tmp_path / "a.tif")
-
-
 @pytest.mark.parametrize(
     ("channel", "annotation", "unit_mm"),
     [
@@ -262,14 +231,6 @@ def test_unit_of_an_ome_tiff_is_that_of_its_channel_or_of_an_annotation(
     assert read_source(tmp_path / "a.ome.tif")[0].unit_mm == unit_mm
 
 
-@pytest.mark.parametrize("kind", ["npz", "mat", "h5"])
-def test_unit_in_the_name_of_an_array_is_used(tmp_path: Path, kind: str) -> None:
-    path = write_arrays(tmp_path, kind, depth_m=WALL / 1000)
-    options = ("--axes", "frame,row,col") if kind == "mat" else ()
-    np.testing.assert_allclose(imported_mm(path, *options), WALL, rtol=1e-6)
-    np.testing.assert_allclose(imported_mm(path, *options, "--units", "cm"), WALL / 100, rtol=1e-6)
-
-
 def test_images_of_another_stream_in_a_folder_are_not_frames(tmp_path: Path) -> None:
     for k in range(9):
         write_png(tmp_path / f"depth_{k}.png", WALL[k])
@@ -281,12 +242,6 @@ def test_images_of_another_stream_in_a_folder_are_not_frames(tmp_path: Path) -> 
         write_png(tmp_path / f"right_depth_{k}.png", WALL[k])
     with pytest.raises(BadInputError, match="several sequences of images: 9 of ir_#, 9 of left_depth_#, 9 of "):
         read_source(tmp_path)
-
-
-def test_names_that_are_time_stamps_are_sorted_as_decimal_numbers(tmp_path: Path) -> None:
-    for name, image in zip(("1700000000.125", "1700000000.5", "1700000001.0"), WALL[:3], strict=True):
-        write_png(tmp_path / f"{name}.png", image)
-    np.testing.assert_array_equal(depths(tmp_path), WALL[:3])
 
 
 @pytest.mark.parametrize(
@@ -342,13 +297,6 @@ def test_array_of_8_bits_beside_a_wider_one_is_no_depth_where_names_say_nothing(
     assert source.notes == (f"{path}: not used: array a",)
 
 
-def test_names_of_depth_come_first_and_those_that_say_nothing_where_there_is_none() -> None:
-    assert depths_among(["a", "b", "infrared"]) == ["a", "b"]
-    assert depths_among(["a", "my_range"]) == ["my_range"]
-    assert depths_among(["depth_valid", "depth"]) == ["depth"]
-    assert depths_among(["/rgb/depth/image", "/ir/image"]) == ["/rgb/depth/image"]
-
-
 @pytest.mark.parametrize(
     "texts",
     [
@@ -366,12 +314,6 @@ def test_images_of_different_scales_are_no_sequence(tmp_path: Path, kind: str, t
             tifffile.imwrite(tmp_path / f"{k}.tif", WALL[0].astype("u2"), description=text, metadata=None)
     with pytest.raises(BadInputError, match=r"1\.\w+: its text states .*, that of .*0\.\w+"):
         read_source(tmp_path)
-
-
-def test_given_unit_takes_the_place_of_different_scales(tmp_path: Path) -> None:
-    for k, scale in enumerate((0.25, 0.5)):
-        write_png(tmp_path / f"{k}.png", WALL[0], f"radial range, 1 count = {scale} mm")
-    np.testing.assert_array_equal(depths(tmp_path, unit_mm=1.0), WALL[[0, 0]])
 
 
 @pytest.mark.parametrize("attributes", [{"scale_factor": 0.25}, {"units": "cm"}, {"_FillValue": 17}, {"units": None}])
@@ -394,11 +336,6 @@ def test_datasets_beside_those_of_frames_are_named(tmp_path: Path) -> None:
     notes = read_source(tmp_path / "a.h5")[0].notes
     assert f"{tmp_path / 'a.h5'}: not used: datasets f#/ir (3), f#/stamp (3)" in notes
     np.testing.assert_array_equal(depths(tmp_path / "a.h5", topic="f#/ir"), WALL[:3])
-
-
-@pytest.mark.parametrize("key", ["unit", "Units", "UNIT", "units"])
-def test_attribute_of_the_unit_is_read_in_any_case(tmp_path: Path, key: str) -> None:
-    np.testing.assert_allclose(imported_mm(write_hdf5(tmp_path / "a.h5", WALL / 10, **{key: "cm"})), WALL, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -489,20 +426,6 @@ def test_amplitudes_may_be_named_so(tmp_path: Path, kind: str, name: str) -> Non
     np.testing.assert_array_equal([frame.amplitude for frame in frames], STACK)
 
 
-@pytest.mark.parametrize("stem", ["grey_wall", "noise", "signal_low", "range_1m", "left_0", "depth_amplitude_test"])
-def test_name_of_a_file_that_may_describe_the_scene_is_no_other_stream(tmp_path: Path, stem: str) -> None:
-    assert stream_of_file(stem) != "other"
-    np.save(tmp_path / f"{stem}.npy", STACK)
-    assert read_source(tmp_path / f"{stem}.npy")[0].notes == ()
-
-
-@pytest.mark.parametrize("topic", ["/cam/noise_filtered/depth", "/rgb_cam/depth/image_raw", "/cam/depth_valid"])
-def test_topic_is_of_depths_by_its_last_part(tmp_path: Path, topic: str) -> None:
-    with new_bag(tmp_path, "mcap") as (bag, path):
-        bag.image(topic, STACK[0], stamp_ns=10**9)
-    assert read_source(path)[0].kind == f"16UC1 images of {topic}"
-
-
 def test_two_kinds_of_images_are_listed_and_one_is_chosen(tmp_path: Path) -> None:
     path = folder_of(tmp_path / "pair", "near_", "far_")
     with pytest.raises(BadInputError, match=r"5 of far_#, 5 of near_#; choose one: tofmix import .*--dataset 'far_#'"):
@@ -565,21 +488,6 @@ def test_options_without_use_are_refused(tmp_path: Path, kind: str, option: dict
         read_source(path, **option, **shape)
 
 
-def test_unit_of_times_does_not_apply_to_a_bag(tmp_path: Path) -> None:
-    with new_bag(tmp_path, "ros1") as (bag, path):
-        bag.image("/cam/depth", STACK[0], stamp_ns=10**9)
-    with pytest.raises(UsageError, match="--time-unit does not apply"):
-        read_source(path, time_unit_s=1e-3)
-
-
-@pytest.mark.parametrize("kind", ["npz", "mat", "h5"])
-def test_times_and_codes_that_are_not_used_are_named(tmp_path: Path, kind: str) -> None:
-    path = write_arrays(tmp_path, kind, depth=STACK, timestamps=np.arange(5.0), flags=np.ones(7))
-    notes = " ".join(read_source(path, axes="frame,row,col")[0].notes)
-    assert "not used: array timestamps" in notes
-    assert "not used: array flags" in notes
-
-
 @pytest.mark.parametrize("kind", ["npz", "mat", "h5"])
 def test_amplitudes_beside_depths_are_named_with_the_option_that_uses_them(tmp_path: Path, kind: str) -> None:
     path = write_arrays(tmp_path, kind, depth=STACK, amplitude=STACK + 3)
@@ -595,14 +503,6 @@ def test_codes_of_the_camera_are_used_for_a_status_of_the_same_shape_alone(tmp_p
     path = write_arrays(tmp_path, "npz", depth=STACK, status=np.full(5, 1))
     other = read_source(path, **codes)[0]
     assert (other.status_valid, other.notes) == ((), (f"{path}: not used: array status",))
-
-
-def test_columns_of_numbers_that_are_not_used_are_named(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text(
-        ",frame,row,col,range_mm,gain,remark,exposure\n0,0,0,0,812,1.5,fine,20\n1,1,0,0,813,1.5,dark,20\n"
-    )
-    notes = read_source(tmp_path / "a.csv")[0].notes
-    assert notes == (f"{tmp_path / 'a.csv'}: not used: column gain, exposure",)
 
 
 def test_mat_of_a_struct_names_it_and_the_commands_that_save_its_part(tmp_path: Path) -> None:
@@ -631,12 +531,6 @@ def distinct(count: int) -> np.ndarray:
 )
 def test_units_of_time_are_read_as_cf_and_people_write_them(text: str, unit_s: float | None) -> None:
     assert time_unit_s(text) == unit_s
-
-
-@pytest.mark.parametrize("unit_s", [1.0, 1e-3, 1e-6, 1e-9])
-def test_unit_of_stamps_since_1970_follows_from_their_size(unit_s: float) -> None:
-    assert epoch_unit_s(1.71e9 / unit_s) == unit_s
-    assert epoch_unit_s(12.0) is None
 
 
 @given(seed=st.integers(0, 500), count=st.integers(2, 60), rate=st.sampled_from([0.2, 5.0, 30.0]))
@@ -668,21 +562,6 @@ def test_times_ascend_from_0_whatever_the_stamps_are(stamps: list[float], seed: 
     assert np.isfinite(found.time_s).all()
     assert (np.diff(found.time_s) > 0).all()
     np.testing.assert_array_equal(np.sort(found.order), np.flatnonzero(~same))
-
-
-def test_clock_that_is_set_back_or_starts_again_goes_on_and_an_ascending_one_is_kept() -> None:
-    stamps = np.r_[100.0 + np.arange(20) / 10, 3.0 + np.arange(10) / 10]
-    found = settled(stamps, distinct(30))
-    np.testing.assert_array_equal(found.order, np.arange(30))
-    np.testing.assert_allclose(found.time_s, np.arange(30) / 10, atol=1e-9)
-    assert found.remarks == ("the clock is set back at frame 20; its frames follow one interval later",)
-    count = 12
-    stamps = np.r_[np.arange(count) / 4, np.arange(count) / 4]
-    found = settled(stamps, distinct(2 * count))
-    np.testing.assert_allclose(found.time_s, np.arange(2 * count) / 4)
-    found = settled(np.array([7.0, 7.5, 9.0]), distinct(3))
-    np.testing.assert_array_equal(found.time_s, [0.0, 0.5, 2.0])
-    assert found.remarks == ()
 
 
 def test_equal_frame_of_the_same_time_goes_and_another_one_lies_between() -> None:
@@ -788,3 +667,10 @@ def test_dates_and_durations_of_numpy_are_times(kind: str) -> None:
         assert notes == ()
     stored[2] = "NaT"
     assert np.isnan(times_of_array(stored, 6, "a: time")[0]).tolist() == [False, False, True, False, False, False]
+
+
+def test_names_of_depth_come_first_and_those_that_say_nothing_where_there_is_none() -> None:
+    assert depths_among(["a", "b", "infrared"]) == ["a", "b"]
+    assert depths_among(["a", "my_range"]) == ["my_range"]
+    assert depths_among(["depth_valid", "depth"]) == ["depth"]
+    assert depths_among(["/rgb/depth/image", "/ir/image"]) == ["/rgb/depth/image"]

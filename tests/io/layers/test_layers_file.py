@@ -128,16 +128,6 @@ def test_the_same_layers_give_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
-def test_a_full_disk_is_a_storage_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.pwrite", fail)
-    with pytest.raises(StorageError, match="No space left"):
-        write(tmp_path / "a.layers.h5", made_up_layers())
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize(
     ("name", "value", "reason"),
     [
@@ -178,13 +168,6 @@ def test_a_changed_byte_in_the_options_is_noticed(path: Path) -> None:
         path.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
         with pytest.raises(BadInputError, match="is damaged: their checksum differs"), open_layers(path):
             pass
-
-
-def test_recording_is_refused_as_layers_file(path: Path) -> None:
-    with h5py.File(path, "r+") as root:
-        del root.attrs["format"]
-    with pytest.raises(BadInputError, match="expected a tofmix-layers file"), open_layers(path):
-        pass
 
 
 def made_up(shape: tuple[int, int, int], layers: int = 3) -> Layers:
@@ -235,18 +218,6 @@ def test_fletcher32_is_that_of_the_library(data: bytes) -> None:
         low, high = (low & 0xFFFF) + (low >> 16), (high & 0xFFFF) + (high >> 16)
     low, high = (low & 0xFFFF) + (low >> 16), (high & 0xFFFF) + (high >> 16)
     assert fletcher32(data) == (high << 16 | low)
-
-
-def test_a_flipped_bit_in_a_chunk_is_noticed(tmp_path: Path) -> None:
-    chunk = bytearray(encode_cell(made_up((1, 4, 4)), shape=(1, 4, 4)).chunks[2])
-    chunk[7] ^= 4
-    with h5py.File(tmp_path / "a.h5", "w") as root:
-        dataset = root.create_dataset(
-            "range", (1, 4, 4, 3), "f4", chunks=(1, 4, 4, 3), compression="gzip", shuffle=True, fletcher32=True
-        )
-        dataset.id.write_direct_chunk((0, 0, 0, 0), bytes(chunk))
-        with pytest.raises(OSError, match=r"filter returned failure|Fletcher32"):
-            dataset[...]
 
 
 def encoded(seed: int) -> EncodedCell:
@@ -338,13 +309,6 @@ def test_damaged_journals_and_other_files_are_noticed(path_journal: Path) -> Non
         pass
     remove_journal(path_journal)
     open_journal(path_journal, b"header").close()
-
-
-def test_empty_file_becomes_a_journal(path_journal: Path) -> None:
-    # A process killed while it made the journal leaves this.
-    path_journal.touch()
-    with open_journal(path_journal, b"header") as journal:
-        assert journal.done() == {}
 
 
 def test_a_missing_part_and_a_closed_folder_are_refused(tmp_path: Path) -> None:

@@ -1,14 +1,11 @@
 """Samples between two surfaces: as many as predicted where the model is right, more where pixels fly."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.comparison.compare import compare
-from tofmix.reconciliation.comparison.panel import Curve, panel_axes
-from tofmix.reconciliation.comparison.panel_parts import bridging
+from tofmix.reconciliation.comparison.panel import Curve
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
@@ -34,23 +31,3 @@ def test_flying_pixels_are_more_samples_between_surfaces(model: Model, record: R
     (curve,) = _curves(model, record, MAKE["flying_pixels"](probability=0.1))
     assert curve.value.max() > 0.03
     assert curve.z > 6
-
-
-def test_outliers_between_surfaces_are_predicted_where_the_model_has_them(model: Model, record: Record) -> None:
-    """The share of random values that falls between, against a count by hand."""
-    likelihood = joint_likelihood([(model, record(MAKE["outliers"](probability=0.2)))])
-    part = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
-    state = likelihood.start()
-    mixture = likelihood.scene.mixture((MAKE["outliers"](probability=0.2),))
-    axes = list(panel_axes(likelihood.evidence, mixture, part))
-    (with_them,) = bridging(likelihood.evidence, mixture, state, axes, part)
-    (without,) = bridging(likelihood.evidence, likelihood.scene.mixture(), state, axes, part)
-    assert without.z > 6
-    assert (np.abs(with_them.value) < 3 * np.sqrt(with_them.variance)).all()
-
-
-def test_samples_that_a_given_lattice_moves_between_surfaces_are_predicted(model: Model, record: Record) -> None:
-    coarse = MAKE["quantisation"](step_mm=80.0)
-    has = replace(model, effects=(coarse,))
-    (curve,) = _curves(has, record, coarse)
-    assert curve.z < 3

@@ -1,11 +1,9 @@
 """Searches that are no smooth fit: stuck pixels, and what only looks like them."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from support.recordings import MAKE, Record
@@ -14,7 +12,6 @@ from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.hidden_fits import find_stuck, fit_bursts
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, forward
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 
 
@@ -34,28 +31,6 @@ def test_no_stuck_pixel_is_found_where_there_is_none(model: Model, record: Recor
     evidence = record()
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     assert find_stuck(likelihood, likelihood.scene.mixture()) is None
-
-
-def _bursts_of(model: Model, evidence: Evidence) -> float:
-    """The sigma of bursts that is found with all samples, mm."""
-    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
-    everything = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
-    found = fit_bursts(likelihood, likelihood.scene.mixture(()), likelihood.start(), everything)
-    assert found is not None
-    return found.sigma_mm
-
-
-def test_sigma_of_bursts_below_that_of_empty_pixels_is_found(
-    in_the_open: Callable[[Effect], tuple[Model, Evidence]],
-) -> None:
-    """Pixels without a return have the sigma of the range's end, 52 mm: it must not bound the search."""
-    model, evidence = in_the_open(MAKE["interference"](probability=0.3, sigma_mm=4.0, burst_frames=4.0))
-    assert _bursts_of(model, evidence) == pytest.approx(4.0, rel=0.05)
-
-
-def test_sigma_of_bursts_far_above_the_noise_is_found(model: Model, record: Record) -> None:
-    evidence = record(MAKE["interference"](probability=0.3, sigma_mm=400.0, burst_frames=4.0))
-    assert _bursts_of(model, evidence) == pytest.approx(400.0, rel=0.05)
 
 
 def test_sigma_of_bursts_is_at_the_top_of_its_likelihood(model: Model, record: Record) -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.reconcile_errors import scene
-from support.recordings import MAKE, reconciled, recorded
+from support.recordings import MAKE, recorded
 
 from tofmix.errors import BadInputError
 from tofmix.reconciliation.evidence import Evidence
@@ -83,22 +83,6 @@ def test_view_of_the_joint_likelihood_is_the_recording_by_itself(model: Model, o
         np.testing.assert_array_equal(joint.evidence.samples[view.part_of_all[0]], evidence.samples[view.part[0]])
 
 
-@pytest.mark.slow
-def test_second_recording_makes_standard_errors_smaller(model: Model, other: Model) -> None:
-    hidden = MAKE["wiggling"](amplitude_mm=8.0, phase_rad=0.7)
-    first, second = recorded(model, hidden), recorded(other, hidden, seed=6)
-    settings = Settings(kinds=("wiggling",))
-    both = reconcile(model, first, settings, also=[(other, second)])
-    alone = [reconciled(model, hidden, kinds=settings.kinds), reconciled(other, hidden, seed=6, kinds=settings.kinds)]
-    assert [_kinds(r) for r in (both, *alone)] == [["wiggling"]] * 3
-    for name, wanted in numeric(hidden).items():
-        error = both.named[0].stderr[name]
-        assert abs(numeric(both.named[0].effect)[name] - wanted) < 4 * error
-        # Information adds, and of correlated parameters a part of it is worth less than the whole (Schur complement)
-        assert error < 1.05 * sum(r.named[0].stderr[name] ** -2 for r in alone) ** -0.5
-    assert {c.recording for c in both.verified.before.curves} == {0, 1}
-
-
 def _kinds(result: Reconciliation) -> list[str]:
     return [n.effect.kind for n in result.named]
 
@@ -117,38 +101,6 @@ def test_second_distance_separates_an_offset_from_a_pose(model: Model) -> None:
     assert _kinds(both) == ["range_offset"]
     assert both.as_dict()["aliases"] == []
     assert abs(numeric(both.named[0].effect)["offset_mm"] - 1.5) < 4 * both.named[0].stderr["offset_mm"]
-
-
-@pytest.mark.slow
-def test_shared_offset_and_pose_in_one_recording_are_both_named(model: Model, other: Model) -> None:
-    """The pose, taken first, has a part of the offset; a constant is no pattern of pixels."""
-    offset_mm, shift_mm = -8.0, 20.0
-    offset, moved = MAKE["range_offset"](offset_mm=offset_mm), MAKE["surface_pose"](surface="box", shift_mm=shift_mm)
-    kinds = ("range_offset", "surface_pose", "fixed_pattern", "multipath", "amplitude_walk", "scattering")
-    second = other, recorded(other, offset, moved, seed=6)
-    result = reconcile(model, recorded(model, offset), Settings(kinds=kinds), also=[second])
-    assert result.verified.verdict == "explained"
-    assert sorted(_kinds(result)) == ["range_offset", "surface_pose"]
-    truth = {"range_offset": ("offset_mm", offset_mm), "surface_pose": ("shift_mm", shift_mm)}
-    for named in result.named:
-        name, value = truth[named.effect.kind]
-        assert abs(named.parameters[name] - value) < 4 * named.stderr[name]
-
-
-@pytest.mark.slow
-def test_pose_of_one_scene_is_named_for_its_recording_alone(model: Model, other: Model) -> None:
-    moved = MAKE["surface_pose"](surface="wall", shift_mm=15.0)
-    kinds = ("range_offset", "surface_pose", "fixed_pattern")
-    result = reconcile(model, recorded(model), Settings(kinds=kinds), also=[(other, recorded(other, moved, seed=6))])
-    assert result.verified.verdict == "explained"
-    (named,) = result.named
-    assert (named.effect.kind, named.parameters["surface"], named.recordings) == ("surface_pose", "wall", (1,))
-    assert abs(named.parameters["shift_mm"] - 15.0) < 4 * named.stderr["shift_mm"]
-    assert result.acting(0) == ()
-    said = result.as_dict()
-    assert said["effects"] == []  # of the first model
-    assert [(a["recording"], [e["kind"] for e in a["effects"]]) for a in said["also"]] == [(2, ["surface_pose"])]
-    assert {place["recording"] for place in said["where"]} == {2}
 
 
 @pytest.mark.slow

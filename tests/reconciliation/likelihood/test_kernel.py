@@ -64,17 +64,6 @@ def _scene(rng: np.random.Generator, *, step: float, period: float, spread: floa
     return scene, rng.uniform(0.0, 0.2, (TIMES, PIXELS))
 
 
-def test_vectorised_likelihood_equals_the_one_sample_by_sample(rng: np.random.Generator) -> None:
-    scene, invalid = _scene(rng, step=0.0, period=0.0, spread=40.0)
-    one, many = empty_sums(FRAMES, PIXELS), empty_sums(FRAMES, PIXELS)
-    kernel.any_log_likelihood(*scene, invalid, RANDOM, 0.0, 0.0, GAUSSIAN, *one)
-    chosen = kernel.sort_pixels(scene[1], scene[3].weight, scene[3].sigma, invalid, 0.0, 0.0, NONE_NEAREST)
-    assert chosen.others.size == 0
-    kernel.log_likelihood(scene[0], chosen, *scene[2:], invalid, RANDOM, 0.0, 0.0, GAUSSIAN, *many)
-    for a, b in zip(one, many, strict=True):
-        np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-9)
-
-
 @pytest.mark.parametrize("step", [0.0, 0.3, 7.3])
 @pytest.mark.parametrize("period", [0.0, 7495.0])
 @pytest.mark.parametrize("spread", [0.2, 3.0, 40.0])
@@ -184,14 +173,6 @@ def test_slope_with_a_shape_is_that_of_the_log_likelihood(rng: np.random.Generat
     np.testing.assert_allclose(moved[1][:, 1], (moved[2][:, 0] - moved[0][:, 0]) / 0.02, rtol=2e-3, atol=2e-5)
 
 
-def test_gaussian_table_has_the_information_of_a_gaussian_and_moves_its_spread_alone() -> None:
-    z = np.linspace(-9.0, 9.0, 1801)
-    shape = NoiseShape(z, stats.norm.pdf(z))
-    assert shape_table(shape)[4] == pytest.approx(1.0, abs=1e-3)
-    np.testing.assert_allclose(moves(shape), moves(None), atol=0.02)  # up to 4 sigma
-    assert shape_table(None) is GAUSSIAN
-
-
 def test_moves_equal_the_changes_of_simulated_scores_with_a_bias_or_another_width(rng: np.random.Generator) -> None:
     shape, more = skewed(), 0.01
     z = rng.standard_normal(400_000)
@@ -206,11 +187,3 @@ def _orders(z: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """Normalised Hermite polynomials of the orders 1 to 4."""
     orders = (hermite_e.hermeval(z, [0] * k + [1]) / math.sqrt(math.factorial(k)) for k in (1, 2, 3, 4))
     return [np.asarray(order, dtype=np.float64) for order in orders]
-
-
-def test_twins_deviates_are_uniform_and_differ_from_seed_to_seed() -> None:
-    u = twins.uniform(1, np.arange(60), np.arange(60))
-    assert abs(u.mean() - 0.5) < 4 / np.sqrt(12 * u.size)
-    assert abs(u.var() - 1 / 12) < 0.003
-    assert np.unique(u).size == u.size
-    assert (u != twins.uniform(2, np.arange(60), np.arange(60))).all()

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.recordings import MAKE, Record, reconciled, recorded
+from support.recordings import MAKE, Record, recorded
 
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
@@ -131,13 +131,6 @@ def test_gain_at_own_widths_is_that_of_the_most_likely_widths_and_depends_on_no_
     assert wanted / 1.25 < found < 1.02 * wanted  # pixels are alike by chance to 1 +- 0.13; the first frame is given
 
 
-@pytest.mark.slow
-def test_long_memory_is_not_named_a_pattern(model: Model) -> None:
-    kinds = ("temporal_correlation", "fixed_pattern", "range_offset", "surface_pose", "excess_noise")
-    result = reconciled(model, MAKE["temporal_correlation"](coefficient=0.9), kinds=kinds)
-    assert [n.effect.kind for n in result.named] == ["temporal_correlation"]
-
-
 def averaged(evidence: Evidence, frames: int) -> Evidence:
     """Each pixel's deviations from its median averaged over so many frames, as wide as before."""
     x = evidence.samples.astype(np.float64)
@@ -157,14 +150,3 @@ def test_noise_averaged_over_frames_is_an_unexplained_memory(small: Model, frame
     )
     assert result.verified.verdict == "unexplained"
     assert result.where[0].statistic == "memory"
-
-
-@pytest.mark.slow
-def test_memory_with_random_values_is_found_and_leaves_no_gap(model: Model) -> None:
-    """Random values do not enter the memory, and do not interrupt it."""
-    hidden = MAKE["temporal_correlation"](coefficient=0.4), MAKE["outliers"](probability=0.02)
-    result = reconciled(model, *hidden, kinds=("temporal_correlation", "outliers", "fixed_pattern", "excess_noise"))
-    assert [n.effect.kind for n in result.named] == ["outliers", "temporal_correlation"]
-    memory = result.named[1]
-    assert abs(memory.parameters["coefficient"] - 0.4) < 3.5 * memory.stderr["coefficient"]
-    assert result.verified.floor.gap < 1.6

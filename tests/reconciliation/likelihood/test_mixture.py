@@ -52,10 +52,6 @@ def test_mixture_of_a_pose_is_that_of_the_edited_model(small: Model) -> None:
     same(Scene(small, TIME_S).mixture((POSE,)), Scene(edited, TIME_S).mixture())
 
 
-def test_mixture_of_the_models_own_pose_is_that_of_an_added_one(small: Model) -> None:
-    same(Scene(replace(small, effects=(POSE,)), TIME_S).mixture(), Scene(small, TIME_S).mixture((POSE,)))
-
-
 def test_moving_surface_is_cast_where_it_is_at_each_time(small: Model) -> None:
     moving = Scene(small, TIME_S).mixture((MOTION,))
     for key in range(len(moving.weight)):
@@ -80,10 +76,3 @@ def test_rate_of_a_moving_surface_is_the_change_of_its_ranges(small: Model) -> N
     change = (moving.mean[1:] - moving.mean[:-1]) / apart
     assert alone.sum() > 300
     np.testing.assert_allclose(change[alone], moving.rate[:-1][alone], rtol=5e-3)
-
-
-def test_casts_that_are_kept_are_bounded(small: Model) -> None:
-    tight = Scene(small, TIME_S, kept_bytes=0, kept=5)
-    for shift in range(20):
-        tight.mixture((MAKE["surface_pose"](surface="near", shift_mm=float(shift)),))
-    assert tight.casts == 5

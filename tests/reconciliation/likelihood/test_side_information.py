@@ -11,7 +11,6 @@ from tofmix.reconciliation.evidence import Evidence, make_evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.likelihood.side_information import (
-    SeenAmplitude,
     amplitude_information,
     as_bright_as_seen,
     log_ratios,
@@ -114,31 +113,10 @@ def test_factors_of_brightness_change_amplitudes_and_no_range(model: Model) -> N
     np.testing.assert_allclose(now.amplitude, was.amplitude * factor)
 
 
-def test_unit_of_amplitudes_is_taken_from_the_recording(model: Model) -> None:
-    ratios = _ratios(model, recorded(model, gain=100.0))
-    assert list(ratios.values()) == pytest.approx([np.log(100.0)] * 3, abs=0.01)
-    (seen,) = as_bright_as_seen(model, ratios).effects
-    assert isinstance(seen, SeenAmplitude)
-    assert seen.factors == pytest.approx((1.0, 1.0, 1.0), abs=0.01)
-
-
 def test_temperature_of_a_warm_up_gives_its_time_constant(model: Model) -> None:
     side_information = warm_up_information(recorded(model, warm=True))
     assert side_information is not None
     assert side_information.time_constant_s == pytest.approx(25.0, rel=0.01)
-
-
-@pytest.mark.slow
-def test_temperature_halves_the_errors_of_a_drift(model: Model) -> None:
-    hidden = MAKE["temperature_drift"](amplitude_mm=9.0, time_constant_s=25.0)  # the recording lasts 8 s
-    evidence = recorded(model, hidden, warm=True)
-    settings = Settings(kinds=("temperature_drift",))
-    with_, without = (reconcile(model, e, settings) for e in (evidence, _ranges_alone(evidence)))
-    found, errors = _only(with_, "temperature_drift")
-    _, wide = _only(without, "temperature_drift")
-    for name, wanted in (("amplitude_mm", 9.0), ("time_constant_s", 25.0)):
-        assert abs(found[name] - wanted) < 4 * errors[name]
-        assert errors[name] < 0.5 * wide[name]
 
 
 @pytest.mark.parametrize("law", ["constant", "steps", "noise"])

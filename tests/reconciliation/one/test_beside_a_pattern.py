@@ -73,34 +73,4 @@ def test_pose_and_offset_together_are_not_named_a_pattern(small: Model) -> None:
     assert named_within_errors(reconciled(small, *hidden, kinds=KINDS), hidden)
 
 
-@slow
-def test_small_drift_is_found_in_the_presence_of_a_large_pose(small: Model) -> None:
-    """Beside the pattern that a large pose looks like, a small drift is the first; alone, wider noise gains more."""
-    hidden = (
-        MAKE["surface_pose"](surface="middle", shift_mm=90.0),
-        MAKE["temperature_drift"](amplitude_mm=-9.0, time_constant_s=2.0),
-    )
-    two = replace(small, surfaces=small.surfaces[1:])
-    result = reconciled(two, *hidden, kinds=(*KINDS, "motion", "vignetting", "outliers"))
-    assert named_within_errors(result, hidden)
-
-
 DRIFT = MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=2.0)
-
-
-@slow
-@pytest.mark.parametrize("offset_mm", [-8.0, 8.0], ids=["away from it", "with it"])
-def test_drift_and_offset_are_separated(small: Model, offset_mm: float) -> None:
-    """Alone, the drift absorbs a part of the offset, and its numbers are a local optimum."""
-    hidden = DRIFT, MAKE["range_offset"](offset_mm=offset_mm)
-    kinds = ("temperature_drift", "range_offset", "surface_pose", "wiggling", "fixed_pattern")
-    assert named_within_errors(reconciled(small, *hidden, kinds=kinds), hidden)
-
-
-@slow
-def test_motion_and_pose_of_one_surface_are_separated(small: Model) -> None:
-    hidden = MAKE["motion"](surface="near", velocity_mm_s=-3.0), MAKE["surface_pose"](surface="near", shift_mm=15.0)
-    kinds = ("temperature_drift", "range_offset", "motion", "surface_pose", "multipath", "fixed_pattern")
-    near, _, wall = small.surfaces
-    two = replace(small, surfaces=(near, wall), recording=replace(small.recording, frames=60, frame_rate_hz=7.5))
-    assert named_within_errors(reconciled(two, *hidden, kinds=kinds), hidden)

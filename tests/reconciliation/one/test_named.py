@@ -13,11 +13,9 @@ from tofmix.reconciliation.words import headline
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.parameter import PixelMap
-from tofmix.simulation.effects.stuck_pixels import StuckPixels
 from tofmix.simulation.model import Model
 
 WITHOUT_POSES = ("range_offset", "amplitude_walk", "wiggling", "scattering", "fixed_pattern")
-LATTICE_KINDS = ("quantisation", "stuck_pixels", "fixed_pattern", "range_offset")
 
 
 def named_kinds(result: Reconciliation) -> list[str]:
@@ -80,14 +78,6 @@ def test_surface_many_sigma_from_its_model_is_found_with_the_right_effect(small:
     assert all(abs(distance) < 4 for distance in off.values()), off
 
 
-@pytest.mark.slow
-def test_wave_is_found_where_most_samples_are_lost(small: Model) -> None:
-    """Lost samples gain a thousand times as much as the wave; this gain must not count against the wave."""
-    hidden = MAKE["dropout"](probability=0.7), MAKE["wiggling"](amplitude_mm=3.5, phase_rad=0.8)
-    kinds = ("dropout", "wiggling", "saturation", "fixed_pattern")
-    assert named_kinds(reconciled(small, *hidden, kinds=kinds)) == ["dropout", "wiggling"]
-
-
 def _shifted(model: Model, shifts_mm: tuple[float, ...]) -> Model:
     """The model with its surfaces farther away."""
     moved = (
@@ -141,31 +131,3 @@ def test_small_offset_is_found_with_pixels_of_one_value(model: Model, every: int
     hidden = stuck(model, every), MAKE["range_offset"](offset_mm=1.5)
     result = reconciled(model, *hidden, kinds=("range_offset", "fixed_pattern", "stuck_pixels"))
     assert named_kinds(result) == ["range_offset", "stuck_pixels"]
-
-
-@pytest.mark.parametrize("step_mm", [80.0, pytest.param(30.0, marks=pytest.mark.slow)])
-def test_constant_pixels_of_a_coarse_quantisation_are_not_stuck(small: Model, step_mm: float) -> None:
-    result = reconciled(small, MAKE["quantisation"](step_mm=step_mm), kinds=LATTICE_KINDS)
-    assert named_kinds(result) == ["quantisation"]
-
-
-@pytest.mark.parametrize("step_mm", [40.0, pytest.param(12.0, marks=pytest.mark.slow)])
-def test_exactly_the_stuck_pixels_are_found_with_quantisation(small: Model, step_mm: float) -> None:
-    hidden = MAKE["quantisation"](step_mm=step_mm), stuck(small, 33)
-    result = reconciled(small, *hidden, kinds=LATTICE_KINDS)
-    assert result.verified.verdict == "explained"
-    found = next(n.effect for n in result.named if isinstance(n.effect, StuckPixels))
-    assert found.map is not None
-    pixels = small.sensor.rows * small.sensor.cols
-    assert np.isfinite(found.map.values).ravel().nonzero()[0].tolist() == list(range(0, pixels, 33))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("spread", [{"column_sigma_mm": 0.8}, {"pixel_sigma_mm": 1.0}], ids=str)
-def test_pattern_of_a_tenth_of_sigma_is_found_over_all_pixels(model: Model, spread: dict[str, float]) -> None:
-    """The held-out pixels are too few for it; the panel sees it, since it looks at all pixels."""
-    kinds = ("fixed_pattern", "range_offset", "excess_noise", "stuck_pixels")
-    result = reconciled(model, MAKE["fixed_pattern"](**spread), kinds=kinds)
-    assert named_kinds(result) == ["fixed_pattern"]
-    found = numeric(result.named[0].effect)
-    assert all(found[name] == pytest.approx(value, rel=0.3) for name, value in spread.items())

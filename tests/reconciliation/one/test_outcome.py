@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from support.recordings import MAKE, recorded
 
@@ -79,22 +78,6 @@ def test_two_recordings_share_an_effect_of_the_camera(small: Model) -> None:
     assert _kinds(found) == {"range_offset"}
     assert found.named[0].recordings == (0, 1)
     assert found.named[0].effect.numbers()["offset_mm"] == pytest.approx(9.0, abs=1.0)
-
-
-@pytest.mark.parametrize("split", ["frames", "pixels"])
-def test_either_split_finds_the_effect(small: Model, split: str) -> None:
-    assert _kinds(_found(small, OFFSET, split=split)) == {"range_offset"}
-
-
-def test_numbers_are_fitted_to_the_fitting_frames_alone(small: Model) -> None:
-    evidence = recorded(small, OFFSET)
-    first = reconcile(small, evidence, Settings(kinds=("range_offset",))).added
-    held = np.flatnonzero(~evidence.fit_frames)
-    rows = evidence.samples.copy()
-    rows[held] = rows[held][::-1]  # other frames of the same recording in the places that are held out
-    second = reconcile(small, replace(evidence, samples=rows), Settings(kinds=("range_offset",))).added
-    one, other = (a.chosen[0].effect.numbers()["offset_mm"] for a in (first, second))
-    assert one == pytest.approx(other, abs=1e-2)
 
 
 @pytest.mark.parametrize("hidden", [(), (OFFSET,), (NOISE,)], ids=lambda hidden: "".join(e.kind for e in hidden))

@@ -75,11 +75,6 @@ def test_a_bias_of_each_frame_is_integrated_out() -> None:
     assert found == pytest.approx([of(2.0, 3.0), of(-2.0, 3.0)], abs=1e-6)
 
 
-def test_a_bias_of_all_frames_is_none_of_single_frames() -> None:
-    nothing = _errors(1, frame_noise_mm=0.7).by_frames(np.zeros(3), np.ones(3))
-    assert _errors(1, frame_noise_mm=0.7).by_frames(np.full(3, 5.0), np.ones(3)) == pytest.approx(nothing)
-
-
 def test_a_walk_of_all_means_has_the_probability_of_its_covariance() -> None:
     """Samples of one pixel, about their mean: contrasts of them are Gaussian, with the walk and without."""
     blocks, each, sigma_mm = 10, 3, 2.0
@@ -100,11 +95,6 @@ def test_a_walk_of_all_means_has_the_probability_of_its_covariance() -> None:
     sizes = (0.05, 0.1, 0.2, 0.4, 0.8)
     wanted = 0.5 + 0.5 * np.mean([density(size) for size in sizes]) / density(0.0)
     assert found == pytest.approx(np.log(wanted), abs=1e-6)
-
-
-def test_a_bias_of_all_frames_is_no_walk() -> None:
-    scene = replace(SceneErrors.none(1), typical_mm=1.0)
-    assert scene.by_course(np.full(20, 5.0), np.ones(20)) < 0
 
 
 def test_means_share_the_noise_of_frames_of_both_recordings(wall: Model) -> None:
@@ -196,11 +186,3 @@ def test_motion_since_the_reference_is_named_with_its_speed(wall: Model) -> None
     )
     assert found.best.names == {("motion", "surface 0")}
     assert abs(found.best.members()[0].numbers()["velocity_mm_s"]) == pytest.approx(8.0, rel=0.1)
-
-
-@pytest.mark.slow
-def test_an_offset_since_the_reference_is_named_or_is_an_alias(wall: Model) -> None:
-    found = search(joint_likelihood([_measured(wall, RangeOffset(offset_mm=6.0))]), Settings(kinds=KINDS))
-    sets = [found.best, *found.aliases(found.best)]
-    assert {("range_offset", "")} in [set(s.names) for s in sets]
-    assert len(found.best.names) == 1

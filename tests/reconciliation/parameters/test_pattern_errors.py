@@ -9,12 +9,11 @@ from support.reconcile_errors import scene
 from support.recordings import recorded
 
 from tofmix.arrays import FloatArray
-from tofmix.reconciliation.likelihood.hidden_fits import fit_spreads
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases, marginal_pattern
 from tofmix.reconciliation.parameters.fits import Numbers, Parabola, Value
-from tofmix.reconciliation.parameters.pattern_errors import Averaged, UnderPattern
+from tofmix.reconciliation.parameters.pattern_errors import UnderPattern
 from tofmix.simulation.effects.hidden import PatternSpreads
 
 IMAGE = (8, 10)
@@ -75,45 +74,6 @@ def test_curvature_is_that_of_generalised_least_squares(rng: np.random.Generator
     np.testing.assert_allclose(found, wanted, rtol=1e-9)
 
 
-def averaged_by_brute_force(biases: FloatArray, noise: FloatArray, own: float) -> tuple[float, FloatArray]:
-    """Variance of a constant, and mean square spreads, over a fine grid of restricted likelihoods."""
-    one = np.ones(PIXELS)
-    row_noise, col_noise = ((own**2 + noise.mean()) / n for n in (IMAGE[1], IMAGE[0]))
-    columns, rows = (np.sqrt(np.exp(_middles(np.log(n), np.log(60.0), 60)) - n) for n in (col_noise, row_noise))
-    values = []
-    for c in columns:
-        for r in rows:
-            v = covariance(noise, (own, c, r))
-            solved = np.linalg.solve(v, np.stack([one, biases], axis=1))
-            information = one @ solved[:, 0]
-            best = one @ solved[:, 1] / information
-            rest = biases - best
-            quadratic = rest @ (solved[:, 1] - best * solved[:, 0])
-            chance = -0.5 * (np.linalg.slogdet(v)[1] + np.log(information) + quadratic)
-            values.append((chance, 1 / information, best, c, r))
-    chance, variance, best, c, r = np.array(values).T
-    weight = np.exp(chance - chance.max())
-    weight /= weight.sum()
-    return float(weight @ (variance + (best - weight @ best) ** 2)), np.sqrt(
-        [weight @ (c - 1.0) ** 2, weight @ (r - 0.7) ** 2]
-    )
-
-
-def _middles(low: float, high: float, cells: int) -> FloatArray:
-    edges = np.linspace(low, high, cells + 1)
-    return np.asarray(0.5 * (edges[1:] + edges[:-1]))
-
-
-@pytest.mark.slow
-def test_average_over_spreads_is_that_over_a_fine_grid(rng: np.random.Generator) -> None:
-    noise, spreads = rng.uniform(0.5, 2.0, PIXELS), (2.0, 1.0, 0.7)
-    biases = draw(rng, (2.0, 1.5, 0.7), noise)
-    found = under(biases, noise, spreads, np.ones((1, PIXELS))).averaged()
-    variance, lines = averaged_by_brute_force(biases, noise, 2.0)
-    assert found.covariance[0, 0] == pytest.approx(variance, rel=0.03)
-    np.testing.assert_allclose(found.spreads_mm[1:], lines, rtol=0.05)
-
-
 def test_average_with_few_columns_and_no_noise_is_students_law(rng: np.random.Generator) -> None:
     """A mean of n normal values, their spread unknown: the variance is that of the values / n * (n - 1) / (n - 3)."""
     noise, n = np.full(PIXELS, 1e-4), IMAGE[1]
@@ -134,28 +94,3 @@ def test_pixels_without_samples_do_not_change_the_error(rng: np.random.Generator
     ]
     np.testing.assert_array_equal(found[0].covariance, found[1].covariance)
     np.testing.assert_array_equal(found[0].spreads_mm, found[1].spreads_mm)
-
-
-def fit_constant(biases: FloatArray, noise: FloatArray) -> tuple[float, tuple[float, float, float]]:
-    """The constant and the spreads in turn, each given the other, as the search does."""
-    constant, spreads = 0.0, (1.0, 1.0, 1.0)
-    for _ in range(2):
-        rest = PixelBiases(bias=biases - constant, information=1 / noise, gain=np.zeros(PIXELS))
-        fitted = fit_spreads(rest, IMAGE)
-        assert fitted is not None
-        spreads = (fitted[0].pixel_sigma_mm, fitted[0].column_sigma_mm, fitted[0].row_sigma_mm)
-        weight = np.linalg.solve(covariance(noise, spreads), np.ones(PIXELS))
-        constant = float(weight @ biases / weight.sum())
-    return constant, spreads
-
-
-@pytest.mark.slow
-def test_constants_of_patterns_drawn_again_and_again_lie_within_their_errors(rng: np.random.Generator) -> None:
-    """50 draws: the mean square is 1 +- 0.2 by normal theory, and 0.4 to 1.6 is 3 such."""
-    noise, square = np.full(PIXELS, 1.0), []
-    for _ in range(50):
-        biases = draw(rng, (3.0, 1.5, 1.5), noise)
-        constant, spreads = fit_constant(biases, noise)
-        found: Averaged = under(biases - constant, noise, spreads, np.ones((1, PIXELS))).averaged()
-        square.append(constant**2 / found.covariance[0, 0])
-    assert 0.4 < np.mean(square) < 1.6

@@ -73,22 +73,6 @@ def test_error_beside_a_bound_is_that_of_the_other_side() -> None:
     assert parabola_error(of, np.array([[100.0]])) == pytest.approx(0.5, rel=1e-9)
 
 
-def test_error_of_a_poisson_mean_is_that_of_its_profile() -> None:
-    """A count of 10 events, searched in its mean: its logarithm is 10 log m - m, curvature 1 / 10."""
-    of = parameter("offset_mm", offset, np.array([10.0]), np.array([1.0]))
-
-    def value(move: FloatArray) -> float:
-        mean = 10.0 + float(move[0])
-        return 10.0 * math.log(mean) - mean if mean > 0 else -math.inf
-
-    def fallen(mean: float) -> float:
-        return value(np.zeros(1)) - value(np.array([mean - 10.0])) - 2.0
-
-    ends = brentq(fallen, 1.0, 10.0), brentq(fallen, 10.0, 30.0)
-    found = parabola_error(of, np.array([[10.0]])) * stretch(of, np.array([[10.0]]), value)
-    assert found == pytest.approx((ends[1] - ends[0]) / 4, rel=0.03)
-
-
 def test_error_along_a_bent_ridge_is_that_of_the_profile() -> None:
     """One wide by 3 (quartic, so narrower than its curvature says), one narrow about x * x / 10: the profile of x."""
 

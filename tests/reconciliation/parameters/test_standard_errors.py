@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 import pytest
 from support.reconcile_errors import EFFECTS_OF, FRAMES, MEMORY, deviations, scene
-from support.recordings import MAKE, Record, reconciled
+from support.recordings import MAKE, Record
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.hidden_states import latent_states
@@ -18,7 +18,7 @@ from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases, marginal
 from tofmix.reconciliation.parameters.fits import Fitted, Numbers, Value, inverse, parabola
 from tofmix.reconciliation.parameters.polish import polish
 from tofmix.reconciliation.parameters.searches import problems
-from tofmix.reconciliation.parameters.standard_errors import numeric, standard_errors
+from tofmix.reconciliation.parameters.standard_errors import standard_errors
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.model import Model
 
@@ -146,27 +146,6 @@ def test_fitted_map_is_shrunk_by_the_posterior_covariance(rng: np.random.Generat
     np.testing.assert_allclose(marginal_pattern(found, (rows, cols), (2.0, 1.0, 0.7))[1], wanted, rtol=1e-9)
 
 
-@pytest.mark.slow
-def test_number_at_its_bound_has_no_error_and_others_keep_theirs(small: Model) -> None:
-    """All samples are lost by their amplitude, none at random."""
-    hidden = MAKE["dropout"](probability=0.0, threshold=15.0, threshold_noise=2.0), MAKE["range_offset"](offset_mm=9.0)
-    result = reconciled(small, *hidden, kinds=("dropout", "range_offset", "saturation"))
-    lost, offset = sorted(result.named, key=lambda named: named.effect.kind)
-    assert set(lost.stderr) == {"threshold", "threshold_noise"}
-    assert lost.parameters["probability"] < 1e-4
-    for named, truth in ((lost, hidden[0]), (offset, hidden[1])):
-        assert all(abs(named.parameters[k] - getattr(truth, k)) < 4 * error for k, error in named.stderr.items())
-
-
-@pytest.mark.slow
-def test_error_of_a_full_well_covers_the_gap_between_two_amplitudes(model: Model) -> None:
-    """Other samples are lost at random; the error is that of the gap between the amplitudes."""
-    hidden = MAKE["saturation"](full_well_amplitude=FULL), MAKE["dropout"](probability=0.01)
-    result = reconciled(model, *hidden, kinds=("saturation", "dropout"))
-    own = next(n for n in result.named if n.effect.kind == "saturation")
-    assert abs(numeric(own.effect)["full_well_amplitude"] - FULL) < 3 * own.stderr["full_well_amplitude"]
-
-
 class _Saddle:
     """Two numbers whose log-likelihood is bent both ways between its tops, at (1, 1) and (-1, -1)."""
 
@@ -195,20 +174,3 @@ def test_polish_moves_from_a_saddle_to_the_top() -> None:
     end = cast("_Saddle", polish(cast("Numbers", start)))
     assert end.at(end.vector).total > start.at(start.vector).total + 30
     assert (end.vector > 0.7).all()
-
-
-class _Kink(_Saddle):
-    """A top at which the log-likelihood has an edge: it falls ten times as steeply on one side as on the other."""
-
-    def moved(self, x: FloatArray) -> "_Kink":
-        return _Kink(*x)
-
-    def at(self, x: FloatArray) -> Value:
-        nothing = np.zeros((1, 4))
-        fallen = sum(100.0 * v if v > 0 else -1000.0 * v for v in x)
-        return Value(total=-float(fallen), by_pixel=nothing, by_frame=nothing)
-
-
-def test_polish_stays_at_a_top_with_an_edge_where_no_step_climbs() -> None:
-    end = cast("_Kink", polish(cast("Numbers", _Kink(0.0, 0.0))))
-    np.testing.assert_array_equal(end.vector, [0.0, 0.0])

@@ -5,10 +5,9 @@ from dataclasses import replace
 import pytest
 from support.recordings import MAKE, reconciled, recorded
 
-from tofmix.reconciliation.found import ALIAS_NATS, Ledger, WeighedSet
-from tofmix.reconciliation.settings import Settings
+from tofmix.reconciliation.found import ALIAS_NATS, WeighedSet
 from tofmix.reconciliation.verification.considered import aliases
-from tofmix.reconciliation.workflow import Reconciliation, reconcile
+from tofmix.reconciliation.workflow import Reconciliation
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
@@ -71,26 +70,3 @@ def test_effects_that_a_set_shares_with_the_answer_are_left_out_of_the_alias() -
     (alias,) = aliases((first, other, weighed(99.0, "d", why_not="a number is at its bound")), named=True)
     assert alias.sets == ((("a", ""),), (("c", ""),))
     assert alias.gains == (100.0, 98.0)
-
-
-@pytest.mark.parametrize("nats", [130.0, -130.0, ALIAS_NATS + 0.1])
-def test_sets_far_from_each_other_are_no_aliases_of_nothing(nats: float) -> None:
-    sets = (weighed(0.0), weighed(500.0, "a", why_not="a"), weighed(500.0 - nats, "b", why_not="b"))
-    assert aliases(sets, named=False) == ()
-    (alias,) = aliases((*sets, weighed(max(500.0, 500.0 - nats) - 1.0, "c", why_not="c")), named=False)
-    assert (("c", ""),) in alias.sets
-
-
-def test_search_that_is_stopped_names_the_best_so_far(small: Model) -> None:
-    """The offset is weighed first; the width would have been found in the second round."""
-    evidence = recorded(small, MAKE["range_offset"](offset_mm=30.0), MAKE["excess_noise"](factor=1.5))
-    ledger = Ledger(is_stopped=lambda: len(ledger.sets) > 4)
-    result = reconcile(small, evidence, Settings(kinds=("range_offset", *STATIC[1:])), ledger=ledger)
-    assert not result.is_complete
-    gap = result.as_dict()
-    assert gap["complete"] is False
-    assert {e["kind"] for e in gap["effects"]} <= {"range_offset"}
-    assert gap["considered"][0]["why_not"] is None
-    whole = reconcile(small, evidence, Settings(kinds=STATIC)).as_dict()
-    assert whole["complete"] is True
-    assert {e["kind"] for e in whole["effects"]} == {"range_offset", "excess_noise"}

@@ -5,8 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.measured import SEED
-from benchmarks.measured_parts import same
 from support.recordings import MAKE, recorded
 
 from tofmix.reconciliation.likelihood.side_information import AmplitudeInformation
@@ -39,14 +37,6 @@ def test_deviate_is_that_of_the_best_known_magnitude() -> None:
     pose = MAKE["surface_pose"](surface="wall", shift_mm=0.3, yaw_deg=1.0)
     assert deviate(pose, {"shift_mm": 0.4, "yaw_deg": 0.02}) == pytest.approx(50.0)
     assert deviate(MAKE["phase_wrapping"](unambiguous_range_mm=7500.0), {}) == math.inf
-
-
-def test_noise_of_one_curve_is_not_named_where_zones_of_a_real_sensor_differ_by_chance() -> None:
-    """A factor is 1.10 +- 0.07 by blocks of pixels; by the curvature, its error is a fourth of that."""
-    found = same.judged(27, SEED)
-    if found is None:
-        pytest.skip("the recording is not on this machine")
-    assert found["named"] == []
 
 
 @pytest.mark.parametrize(("recorded_ratio", "refuted"), [(0.0, True), (math.log(0.5), False)])
@@ -120,22 +110,3 @@ def test_tilted_board_and_columns_are_separated(seed: int) -> None:
     tilt = np.where(board, 1.2 * (col - 20), 0.0) + rng.normal(0, 1, row.shape)
     assert tilted(tilt, known, board.astype(np.int64))
     assert not tilted(tilt, known & ~board, board.astype(np.int64))
-
-
-@pytest.mark.parametrize("lines", [12, 24, 60])
-def test_independent_columns_are_never_smooth(lines: int) -> None:
-    rng = np.random.default_rng(lines)
-    known = np.ones((16, lines), dtype=bool)
-    found = [smooth(rng.normal(0, 0.2, known.shape) + rng.normal(0, 1, lines), known) for _ in range(100)]
-    assert not any(found)
-
-
-def test_pattern_of_pixels_with_faint_smooth_columns_is_not_smooth(rng: np.random.Generator) -> None:
-    """Poses within the tolerance make the columns smooth; in a pattern of pixels the columns are a small part."""
-    known = np.ones((40, 60), dtype=bool)
-    assert not smooth(rng.normal(0, 3, known.shape) + np.linspace(0, 1, 60) ** 2, known)
-
-
-def test_empty_map_is_not_smooth() -> None:
-    assert not smooth(np.zeros((8, 8)), np.ones((8, 8), dtype=bool))
-    assert not smooth(np.zeros((8, 8)), np.zeros((8, 8), dtype=bool))

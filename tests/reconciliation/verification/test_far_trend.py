@@ -9,9 +9,7 @@ from support.recordings import MAKE, recorded
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.verification.verify import far_trends
-from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 
@@ -67,35 +65,3 @@ def test_large_change_in_time_that_the_model_has_is_no_far_trend(small: Model, c
     likelihood = likelihood_of(wall, recorded(wall, change))
     assert far_trends(likelihood, likelihood.start(), ALPHA)
     assert far_trends(likelihood, replace(likelihood.start(), effects=(change,)), ALPHA) == []
-
-
-def test_lost_pixels_do_not_make_a_trend(small: Model) -> None:
-    """First the near surface is valid, then the far one."""
-    evidence = recorded(small)
-    half = len(evidence.samples) // 2
-    near = np.median(evidence.samples, axis=0) < np.median(evidence.samples)
-    samples = evidence.samples.copy()
-    samples[:half, ~near] = 0
-    samples[half:, near] = 0
-    likelihood = likelihood_of(small, replace(evidence, samples=samples))
-    assert far_trends(likelihood, likelihood.start(), ALPHA) == []
-
-
-def test_few_samples_are_no_reason_where_ranges_change_far(small: Model) -> None:
-    one = replace(small, sensor=replace(small.sensor, rows=1, cols=1))
-    result = reconcile(one, nearer(recorded(one), 8.0), Settings(kinds=("range_offset",)))
-    assert result.verified.verdict == "unexplained"
-    assert result.verified.findings.few
-    assert result.next_steps[0].startswith("The ranges change by -")
-    assert not any(step.startswith("Too few samples") for step in result.next_steps)
-
-
-@pytest.mark.slow
-def test_noise_does_not_stand_for_a_flight(small: Model) -> None:
-    wall = replace(small, surfaces=small.surfaces[-1:])
-    evidence = nearer(recorded(wall), 8.0)
-    result = reconcile(wall, evidence, Settings(kinds=("excess_noise", "outliers", "dropout", "fixed_pattern")))
-    assert result.verified.verdict == "unexplained"
-    assert not result.named
-    assert (result.where[0].axis, result.where[0].statistic) == ("time", "trend")
-    assert any("moves" in step for step in result.next_steps)

@@ -89,11 +89,3 @@ def test_frames_that_move_together_are_said_with_their_size_and_no_curve_of_nois
     size = float(step.split("by ")[1].split(" mm")[0])
     assert size == pytest.approx(float(np.std(jitter)), rel=0.2)
     assert not any("--noise" in s for s in result.next_steps)
-
-
-@pytest.mark.slow
-def test_an_offset_that_is_larger_than_a_jump_is_advised_besides(small: Model) -> None:
-    by_mm = np.where(np.arange(80) < 40, 40.0, 52.0)
-    result = reconcile(small, shaken(small, by_mm), Settings(kinds=("temperature_drift",)))
-    assert any(s.startswith("The ranges jump by +1") for s in result.next_steps)
-    assert any(s.startswith("All surfaces are off by one value") for s in result.next_steps)

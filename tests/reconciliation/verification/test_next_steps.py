@@ -122,18 +122,6 @@ def test_depths_along_z_lead_to_the_import_and_to_no_pose(small: Model) -> None:
     assert not result.suggested
 
 
-@pytest.mark.slow
-def test_noise_of_some_frames_alone_leads_to_no_other_curve(small: Model) -> None:
-    evidence = recorded(small)
-    middle = np.nanmedian(evidence.samples, axis=0)
-    loud = np.where(np.arange(len(evidence.samples)) % 7 == 0, 4.0, 1.0)[:, None]
-    samples = np.rint(middle + loud * (evidence.samples - middle)).reshape(-1, *small.sensor.shape)
-    shown = make_evidence(small, samples.astype(np.float32), time_s=evidence.time_s)
-    result = reconcile(small, shown, Settings(kinds=("range_offset",)))
-    assert result.verified.verdict == "unexplained"
-    assert not any("--noise" in step for step in result.next_steps)
-
-
 def test_statistic_that_is_worse_with_the_effects_has_a_sentence(small: Model) -> None:
     result = reconciled(small, MAKE["range_offset"](offset_mm=9.0), kinds=("range_offset",))
     verified = result.verified
@@ -144,15 +132,6 @@ def test_statistic_that_is_worse_with_the_effects_has_a_sentence(small: Model) -
     rest = tuple(far if c is skew else c for c in verified.after.curves)
     (step,) = worse(replace(verified, after=replace(verified.after, curves=rest)))
     assert step.startswith("skew over range is farther from noise than without the effects (")
-
-
-@pytest.mark.slow
-def test_search_that_ends_at_its_most_effects_says_that_none_is_named(small: Model) -> None:
-    hidden = MAKE["range_offset"](offset_mm=9.0), MAKE["excess_noise"](factor=1.6)
-    result = reconciled(small, *hidden, kinds=("range_offset", "excess_noise"), max_effects=1)
-    step = next(s for s in result.next_steps if "--max-effects" in s)
-    named = result.verified.verdict == "partly_explained"
-    assert step.startswith("The search stopped at 1 effect" if named else "The best effect alone does not")
 
 
 ROOM = (
@@ -331,18 +310,6 @@ def test_spread_of_biases_is_found_in_images_of_few_pixels(image: tuple[int, int
     assert spreads_of(image) == (3 if min(image) > 1 else 1)
     if min(image) == 1:
         assert effect.column_sigma_mm == effect.row_sigma_mm == 0.0
-
-
-def test_equal_pixels_have_no_spread_beyond_the_error_of_their_means() -> None:
-    model, _ = case(2, wraps=False)
-    mixture = joint_likelihood([case(2, wraps=False)]).scene.mixture()
-    rng = np.random.default_rng(7)
-    ranges = mixture.of_main(mixture.mean) + rng.normal(0, model.sensor.noise.sigma_mm[0], (FRAMES, 34))
-    evidence = make_evidence(model, ranges.reshape(FRAMES, 1, 34))
-    likelihood = joint_likelihood([(model, evidence)])
-    start = likelihood.start()
-    found = fit_pattern(likelihood, likelihood.mixture(start), start, everything(evidence))
-    assert found is None or found[0].pixel_sigma_mm < model.sensor.noise.sigma_mm[0] / np.sqrt(FRAMES)
 
 
 @pytest.mark.parametrize("number", [1, 2, 3])

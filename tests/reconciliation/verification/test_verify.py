@@ -14,7 +14,6 @@ from tofmix.reconciliation.one import outcome
 from tofmix.reconciliation.settings import Settings, held_out
 from tofmix.reconciliation.verdict import VerdictData
 from tofmix.reconciliation.verification.verify import changes_in_time, verify
-from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context
 from tofmix.simulation.effects.range_offset import RangeOffset
@@ -31,49 +30,6 @@ def test_panel_of_held_out_frames_does_not_depend_on_the_fitted_ones(model: Mode
         added, _ = outcome.named(Likelihood(one, Scene(model, one.time_s)), replace(SETTINGS, max_effects=0))
         panels.append({c.name: c.chi2 for c in added.panel.curves})
     assert panels[0] == panels[1]
-
-
-@pytest.mark.slow
-def test_floor_is_simulated_at_the_recordings_frame_rate_not_the_models(small: Model) -> None:
-    """The model file says 4 Hz, the recording's times 10 Hz."""
-    evidence = recorded(small, MAKE["temperature_drift"](amplitude_mm=20.0, time_constant_s=2.0))
-    other = replace(small, recording=replace(small.recording, frame_rate_hz=4.0))
-    result = reconcile(other, evidence, Settings(kinds=("temperature_drift", "range_offset")))
-    assert [n.effect.kind for n in result.named] == ["temperature_drift"]
-    assert result.verified.floor.gap < 1.3
-    assert result.verified.closed is not None
-    assert result.verified.closed < 1.05
-
-
-@pytest.mark.parametrize(
-    "kinds",
-    [("temperature_drift",), pytest.param(("temperature_drift", "range_offset", "motion"), marks=pytest.mark.slow)],
-    ids=["drift", "drift, offset, motion"],
-)
-def test_drift_with_a_ripple_in_time_is_not_explained_and_is_placed_in_time(
-    small: Model, kinds: tuple[str, ...]
-) -> None:
-    two = replace(small, surfaces=small.surfaces[1:])
-    evidence = recorded(two, MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=2.0))
-    ripple = np.rint(2.5 * np.sin(0.9 * evidence.time_s)).astype(np.int64)
-    moved = np.where(evidence.samples > 0, evidence.samples + ripple[:, None], 0).astype(np.uint16)
-    result = reconcile(two, replace(evidence, samples=moved), Settings(kinds=kinds))
-    assert result.verified.verdict != "explained"
-    assert result.where[0].axis in ("time", "frame")
-
-
-@pytest.mark.slow
-def test_growing_pattern_is_not_explained_and_named_at_most_a_fixed_pattern(
-    small: Model, rng: np.random.Generator
-) -> None:
-    """The remaining bias of each pixel changes slowly, so neighbouring frames are alike and no bias is constant."""
-    evidence = recorded(small)
-    growing = evidence.time_s[:, None] / evidence.time_s[-1] * rng.normal(0.0, 8.0, evidence.shape[1])
-    moved = np.where(evidence.samples > 0, np.rint(evidence.samples + growing), 0).astype(np.uint16)
-    kinds = ("fixed_pattern", "temporal_correlation", "temperature_drift")
-    result = reconcile(small, replace(evidence, samples=moved), Settings(kinds=kinds))
-    assert result.verified.verdict in ("partly_explained", "unexplained")
-    assert {n.effect.kind for n in result.named} <= {"fixed_pattern"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

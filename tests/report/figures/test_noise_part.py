@@ -1,6 +1,5 @@
 """The page's part about learnt noise: which panels there are, what they draw, and what stands in the summary."""
 
-import base64
 import io
 import json
 import re
@@ -9,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from PIL import Image
 from support.alike import MakeLayers, MakeSource
 from support.learnt_noises import ALL, SIGMA_MM, Parts, made
 from support.noise_parts import skewed
@@ -107,30 +105,6 @@ def test_gaussian_curves_and_files_without_learning_have_no_numbers(
     )
 
 
-@pytest.mark.slow
-def test_the_map_shows_the_background_of_each_pixel(make_source: MakeSource) -> None:
-    share = np.linspace(0.0, 0.3, 48).reshape(IMAGE)
-    case = made(Parts(background=0.1), frames=FRAMES, image=IMAGE)
-    assert case.sensor.noise is not None
-    sensor = replace(case.sensor, noise=replace(case.sensor.noise, background=share))
-    page = render_page(make_source(layers_of(Parts(background=0.1)), sensor=sensor))
-    picture = page.partition("<h3>Background</h3>")[2]
-    found = re.search(r'src="data:image/png;base64,([^"]+)"', picture)
-    assert found is not None
-    with Image.open(io.BytesIO(base64.b64decode(found[1]))) as image:
-        shades = np.asarray(image).astype(int)
-    assert shades.shape == IMAGE
-    expected = share / 0.32 * (shades.max() - shades.min()) / (0.3 / 0.32)
-    np.testing.assert_allclose(shades - shades[0, 0], expected, atol=1.5)
-    assert re.findall(r"<span>([^<]*)</span>", picture.partition('class="bar-labels"')[2])[:5] == [
-        "0",
-        "8",
-        "16",
-        "24",
-        "32 %",
-    ]
-
-
 def drawn(figure: Figure) -> Figure:
     """The figure, after it was written: nothing fails, or is off the paper."""
     figure.savefig(io.BytesIO(), format="svg")
@@ -186,19 +160,6 @@ def test_histogram_of_widths_is_drawn_with_the_learnt_spread(spread: float) -> N
     assert np.abs(bars.values - expected).max() < 6.0 * np.sqrt(bars.values.max())
     assert expected.sum() == pytest.approx(4000, rel=0.05)
     assert len(axes.get_xticks()) >= 3
-
-
-@pytest.mark.slow
-def test_pages_without_a_pixel_of_one_layer_are_made(make_source: MakeSource) -> None:
-    empty = Layers.empty(IMAGE, 3)
-    case = made(ALL, frames=FRAMES, image=IMAGE)
-    source = make_source(replace(empty, noise_width=np.full(IMAGE, np.nan, np.float32)), sensor=case.sensor)
-    recording = ArrayRecording(case.samples_mm.astype(np.float32), case.sensor)
-    for recorded in (recording, None):
-        said = text_of(render_page(source, recording=recorded))
-        assert "no pixel has exactly one layer to compare with" in said
-        assert "Shape of the error" in said
-        assert "Widths of the pixels" not in said
 
 
 def test_the_summary_has_the_numbers_of_each_part(make_source: MakeSource) -> None:

@@ -34,7 +34,7 @@ from tofmix.report.figures.picture import (
     range_uri,
 )
 from tofmix.report.figures.surface_pictures import edge_parts
-from tofmix.report.theme import DARK, LIGHT, Format, Theme, drawing, drawn, mark_no_data
+from tofmix.report.theme import DARK, LIGHT, Theme, drawing, drawn, mark_no_data
 from tofmix.sensor import NoiseCurve
 from tofmix.surfaces.found import Edges, no_edges
 
@@ -71,14 +71,6 @@ def test_histograms_are_drawn(
                 assert figure.axes[0].get_ylabel() in ("pixels", "sigma (mm)")
 
 
-def test_sigmas_above_the_view_are_counted(make_layers: MakeLayers) -> None:
-    layers = make_layers((50, 50))
-    layers.sigma[0, 0, 0], layers.range[0, 0, 0] = 1e6, 2000.0
-    with drawing(LIGHT):
-        title = sigma_figure(layers, curve=CURVE, theme=LIGHT).axes[0].get_title(loc="left")
-    assert "above this view" in title
-
-
 def test_bars_ends_and_legends_of_pictures_follow_their_values() -> None:
     values = np.array([[1.0, np.nan]])
     picture = difference_picture(values, most=2.374, unit="mm", no_data="nothing here", title="", alt="")
@@ -113,13 +105,6 @@ def test_ranges_kinds_and_differences_have_their_colours() -> None:
     shades = difference_shades()
     found = pixels(difference_uri(np.array([[-9.0, -2.0, 0.0, 2.0, 9.0, np.nan]]), most=2.0))
     assert found == [[shades[0], shades[0], shades[len(shades) // 2], shades[-1], shades[-1], "none"]]
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (1, 30), (30, 1), (144, 176)])
-def test_images_keep_their_shape(shape: tuple[int, int]) -> None:
-    found = pixels(range_uri(np.full(shape, np.nan), scale=(0, 1)))
-    assert (len(found), len(found[0])) == shape
-    assert {colour for row in found for colour in row} == {"none"}
 
 
 def test_colour_scales_hold_nearly_all_and_counts_grow_lighter() -> None:
@@ -184,14 +169,6 @@ def sample_figure(theme: Theme) -> Figure:
     return figure
 
 
-@pytest.mark.parametrize("kind", ["png", "svg"])
-def test_the_same_figure_gives_the_same_bytes(kind: Format) -> None:
-    first, second = drawn(sample_figure, kind), drawn(sample_figure, kind)
-    assert first == second
-    assert first[0] != first[1]
-    assert first[2] == (288, 192)
-
-
 def test_dark_svg_is_recoloured_wholly_and_pictures_carry_no_date() -> None:
     _, dark, _ = drawn(sample_figure, "svg")
     text = base64.b64decode(dark.partition(",")[2]).decode()
@@ -205,10 +182,3 @@ def test_dark_svg_is_recoloured_wholly_and_pictures_carry_no_date() -> None:
         content = base64.b64decode(drawn(sample_figure, kind)[0].partition(",")[2])
         assert b"dc:date" not in content
         assert mpl.__version__.encode() not in content
-
-
-def test_global_settings_are_left_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(mpl.rcParams, "font.size", 31.0)
-    with drawing(DARK):
-        assert mpl.rcParams["font.size"] == 10.0
-    assert mpl.rcParams["font.size"] == 31.0

@@ -23,7 +23,7 @@ from tofmix.layers import Layers, Provenance
 from tofmix.recording import ArrayRecording
 from tofmix.report.pixels.phasor_plane import PhasorEnd, PhasorPlane, SamplesAround, phasor_plane, read_around
 from tofmix.report.pixels.pixel_figures import draw_plane, neighbours_figure
-from tofmix.report.pixels.pixels import PixelView, format_pixels, learnt_sensor, view_pixels
+from tofmix.report.pixels.pixels import PixelView, learnt_sensor, view_pixels
 from tofmix.report.theme import LIGHT, drawing, new_figure
 from tofmix.sensor import Sensor
 
@@ -57,19 +57,6 @@ def pixel_of(layers: Layers, kind: Mixing, n_modes: int) -> tuple[int, int]:
     assert layers.mixing is not None
     chosen = np.argwhere((layers.mixing[5:-5, 5:-5] == int(kind)) & (layers.n_modes[5:-5, 5:-5] == n_modes))
     return int(chosen[0, 0]) + 5, int(chosen[0, 1]) + 5
-
-
-def test_samples_mean_and_its_error_are_those_of_numpy(sums: Scene, layers: Layers) -> None:
-    row, col = pixel_of(layers, Mixing.ONE_SURFACE, 1)
-    plane = plane_of(sums, layers, row, col)
-    whole = slice(None)
-    range_mm = sums.recording.read_range(whole, whole)[:, row, col].astype(float)
-    light = sums.recording.read_amplitude(whole, whole)[:, row, col].astype(float)
-    expected = light * np.exp(1j * range_mm / K_MM)
-    np.testing.assert_allclose(plane.samples, expected, rtol=1e-9)
-    assert plane.mean == pytest.approx(expected.mean(), rel=1e-4)
-    np.testing.assert_allclose(plane.mean_covariance, np.cov(expected.real, expected.imag) / len(expected), rtol=1e-3)
-    assert plane.ends == ()
 
 
 @pytest.mark.parametrize(("pixel", "count"), [((20, 20), 48), ((0, 0), 15), ((47, 30), 27)])
@@ -388,24 +375,6 @@ def test_the_line_is_the_learnt_shape_at_the_pixels_own_width_on_its_background(
     assert range_mm[-1] < 3000.0
 
 
-def test_a_drifting_pixel_is_drawn_as_wide_as_its_samples_lie() -> None:
-    sensor = camera(Parts(drift_mm=(100.0, 0.0, 0.0)), (1, 1))
-    time = np.linspace(-1.0, 1.0, FRAMES)
-    samples = 2000.0 + 100.0 * time + SIGMA_MM * np.random.default_rng(2).standard_normal(FRAMES)
-    layers = one_pixel((2000.0,), 1e-4, 1.0)
-    view = viewed(sensor, layers, samples)
-    axes = panel(view, sensor)
-    range_mm, p = drawn_line(axes)
-    assert trapezoid(p, range_mm / 1000.0) == pytest.approx(1.0, abs=0.01)
-    spread = np.sqrt(trapezoid(p * (range_mm - 2000.0) ** 2, range_mm / 1000.0))
-    assert spread == pytest.approx(samples.std(), rel=0.1)
-    assert any(line.endswith("mm in the window") for line in texts(axes)[-1].splitlines())
-    still = viewed(sensor, layers)
-    assert texts(panel(still, sensor))[-1].endswith("drift not known")
-    assert still.as_dict()["learnt_noise"] == {"width": 1.0, "background": pytest.approx(1e-4), "drift_mm": None}
-    assert "drift (mm): 20" in format_pixels([view], 0) or "drift (mm): 19" in format_pixels([view], 0)
-
-
 def test_each_component_is_drawn_with_the_shape() -> None:
     sensor = camera(Parts(shape=ALL.shape), (1, 1))
     axes = panel(viewed(sensor, one_pixel((2000.0, 2300.0), 0.0, 1.0)), sensor)
@@ -419,31 +388,6 @@ def test_each_component_is_drawn_with_the_shape() -> None:
     ]
     assert above == pytest.approx([250.0, 250.0], rel=0.02)  # the median is at the layer, whatever the skewness
     assert range_mm[parts[0].argmax()] < 1998.0  # the mode is before it
-
-
-def test_the_mixture_of_a_circle_is_drawn_across_the_fold() -> None:
-    length = 5300.0
-    sensor = camera(Parts(shape=ALL.shape), (1, 1))
-    samples = np.mod(SIGMA_MM * np.random.default_rng(3).standard_normal(FRAMES), length)
-    axes = panel(viewed(sensor, one_pixel((5.0,), 0.1, 1.0), samples, length), sensor, length)
-    range_mm, p = drawn_line(axes)
-    assert trapezoid(p, range_mm / 1000.0) == pytest.approx(0.9, abs=0.02)
-
-
-def test_impossible_and_missing_layers_are_drawn() -> None:
-    sensor = camera(Parts(drift_mm=(40.0, 0.0, 0.0)), (1, 1))
-    layers = one_pixel((1500.0, 2000.0), 0.1, 1.0)
-    layers.sigma[0, 0, 0] = np.nan
-    view = viewed(sensor, layers, 2000.0 + SIGMA_MM * np.random.default_rng(5).standard_normal(FRAMES))
-    assert view.mixture is not None
-    range_mm = np.linspace(1000.0, 3000.0, 2001)
-    assert not view.mixture.component(0, range_mm).any()
-    assert trapezoid(view.mixture.component(1, range_mm), range_mm) == pytest.approx(0.45, abs=0.01)
-    sensor = camera(ALL, (1, 1))
-    samples = np.random.default_rng(4).uniform(400.0, 5200.0, FRAMES)
-    axes = panel(viewed(sensor, one_pixel((), 1.0, 1.0), samples), sensor)
-    _, p = drawn_line(axes)
-    np.testing.assert_allclose(p, 1000.0 / 5000.0)
 
 
 @pytest.mark.parametrize(

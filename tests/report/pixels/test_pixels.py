@@ -1,6 +1,5 @@
 """Single pixels: their numbers, their neighbours, the growing density, and pixels of one layer beside the noise."""
 
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -101,12 +100,6 @@ def test_density_over_all_samples_equals_the_last_step_of_its_growth() -> None:
         assert len(set(counts[first:after])) == 1
     with pytest.raises(ValueError, match="no valid sample"):
         grow_density(np.zeros(0), SENSOR)
-
-
-@pytest.mark.slow
-def test_few_samples_are_enough_for_a_growth() -> None:
-    growth = grow_density(two_boards(2), SENSOR)
-    assert [number for number, _ in growth.snapshots] == [1, 2]
 
 
 def test_the_table_names_every_number() -> None:
@@ -259,34 +252,6 @@ def test_errors_have_the_shape_less_the_background() -> None:
     np.testing.assert_allclose(surface, np.diff(ALL.shape.cdf(edges)), atol=0.02)
 
 
-def test_only_pixels_of_one_layer_are_used() -> None:
-    case = made(Parts(), frames=30, image=(4, 5))
-    layers = true_layers(case)
-    layers.n_modes[0, :] = [0, 2, 2, 0, 1]
-    found = looked_at(case, layers)
-    assert found.pixels_of_one_layer == found.range_mm.size == 16
-    layers.n_modes[...] = 2
-    nothing = looked_at(case, layers)
-    assert nothing.spread() is None
-    assert nothing.errors.size == 0
-
-
-def test_pixels_of_few_samples_or_impossible_numbers_are_skipped() -> None:
-    case = made(Parts(), frames=30, image=(2, 3))
-    samples = case.samples_mm.copy()
-    samples[11:, 0, 0] = np.nan
-    found = looked_at(case, true_layers(case), samples)
-    assert found.range_mm.size == 5
-    assert found.pixels_of_one_layer == 6
-    case = made(Parts(drift_mm=(60.0, 20.0, 10.0)), frames=30, image=(2, 3))
-    layers = true_layers(case)
-    layers.sigma[0, 0, 0], layers.sigma[0, 1, 0], layers.range[0, 2, 0] = np.nan, 0.0, np.inf
-    layers.weight[1, 0, 0], layers.weight_outlier[1, 1] = np.nan, np.nan
-    found = looked_at(case, layers)
-    assert found.pixels_of_one_layer == found.range_mm.size == 2
-    assert np.isfinite(found.errors).all()
-
-
 def test_large_images_and_long_windows_are_thinned_out_evenly() -> None:
     case = made(Parts(), frames=20, image=(60, 50))
     found = looked_at(case, true_layers(case))
@@ -297,15 +262,3 @@ def test_large_images_and_long_windows_are_thinned_out_evenly() -> None:
     few = looked_at(long, true_layers(long))
     assert few.errors.size == 2 * 875
     np.testing.assert_allclose(few.over_curve, 1.0, atol=0.12)
-
-
-def test_ranges_on_a_circle_are_held_to_their_layer_across_the_fold() -> None:
-    case = made(Parts(), frames=200, image=(2, 3))
-    length = 5300.0
-    on_circle = replace(case.provenance(), options={"unambiguous_range_mm": length})
-    shift = length - case.range_mm  # all surfaces at the fold
-    layers = true_layers(case)
-    layers.range[..., 0] = 1.0
-    source = ArrayRecording(np.mod(case.samples_mm + shift + 1.0, length).astype(np.float32), case.sensor)
-    found = single_pixels(layers, on_circle, recording=source, start=0, stop=200)
-    np.testing.assert_allclose(found.over_curve, 1.0, atol=0.25)

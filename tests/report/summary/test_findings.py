@@ -11,7 +11,6 @@ import pytest
 from support.alike import MakeLayers, MakeSource
 
 from tofmix.circle import unambiguous_range_mm
-from tofmix.errors import UsageError
 from tofmix.flags import MixingLaw, Status
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
@@ -47,11 +46,6 @@ def test_sigma_off_the_curve_is_reported(median: float | None, codes: list[str])
     assert [f.code for f in sigma_findings(count=1000, median=median, has_curve=True, remedy=REMEDY)] == codes
 
 
-def test_sigma_is_no_finding_of_few_components_and_one_without_a_curve() -> None:
-    assert sigma_findings(count=29, median=2.0, has_curve=True, remedy=REMEDY) == []
-    assert [f.code for f in sigma_findings(count=0, median=None, has_curve=False, remedy=REMEDY)] == ["no_noise_curve"]
-
-
 def test_counts_have_a_finding_each_and_sound_layers_none() -> None:
     by_status = {"ok": 70, "too_few_samples": 10, "not_converged": 10, "degenerate": 10}
     found = count_findings(pixels=100, by_status=by_status, by_surfaces=[0, 50, 50], max_layers=2, remedy=REMEDY)
@@ -62,13 +56,6 @@ def test_counts_have_a_finding_each_and_sound_layers_none() -> None:
     assert count_findings(pixels=100, by_status={"ok": 100}, by_surfaces=[0, 96, 4], max_layers=2, remedy=REMEDY) == []
     found = count_findings(pixels=10, by_status={}, by_surfaces=[10, 0], max_layers=1, remedy=REMEDY)
     assert [f.code for f in found] == ["no_surface_anywhere"]
-
-
-def test_no_advice_where_it_cannot_be_followed() -> None:
-    assert count_findings(pixels=10, by_status={}, by_surfaces=[0, 10], max_layers=1, remedy=REMEDY) == []
-    alone = Remedy(recording="a.h5", window_frames=40)
-    found = count_findings(pixels=1, by_status={"too_few_samples": 1}, by_surfaces=[0, 1], max_layers=2, remedy=alone)
-    assert [f.commands for f in found] == [()]
 
 
 def test_close_layers_name_the_remedies_that_were_not_tried() -> None:
@@ -144,17 +131,6 @@ def test_figures_are_those_of_the_table_up_to_the_frames_asked_for(asked: AskedF
     assert dict(asked.found) == {frames: figure for frames, figure in table.items() if frames <= asked.frames}
     assert max(asked.found) == asked.frames
     assert list(asked.found.values()) == sorted(asked.found.values())
-
-
-def test_more_frames_are_asked_for_as_readme_does() -> None:
-    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-    assert f"{SINGLE_SAMPLES.frames} or more ({PHASOR_SUMS.frames} where light adds up)" in text
-    (finding,) = frame_findings(sums=True, total=6, remedy=Remedy(recording="a.h5", window_frames=6))
-    assert finding.commands == ()
-    assert finding.text.endswith(
-        "less than 99.9 % are found with 6 frames, and 99.9 % with 10"
-        " (docs/results/mixing.md#by-number-of-frames). Record more frames."
-    )
 
 
 @pytest.mark.parametrize(("sums", "least"), [(False, 25), (True, 10)])
@@ -322,38 +298,6 @@ def test_amplitudes_of_lost_samples_tell_the_cause(of_lost: float, cause: str) -
 PERIOD = unambiguous_range_mm(20.0e6)
 
 
-def naive_phasor_mean(samples: list[float], amplitudes: list[float]) -> float:
-    """One pixel, sample by sample."""
-    known = [(r, a) for r, a in zip(samples, amplitudes, strict=True) if math.isfinite(r)]
-    if not known:
-        return math.nan
-    x = sum(a * math.cos(2 * math.pi * r / PERIOD) for r, a in known)
-    y = sum(a * math.sin(2 * math.pi * r / PERIOD) for r, a in known)
-    mean = sum(r for r, _ in known) / len(known)
-    turn = math.atan2(y, x) * PERIOD / (2 * math.pi)
-    return min((turn + k * PERIOD for k in range(-2, 4)), key=lambda r: abs(r - mean))
-
-
-@pytest.mark.parametrize(("row_step", "block"), [(1, 1 << 19), (4, 40), (9, 7), (1, 1)])
-def test_phasor_mean_is_the_naive_one_in_any_blocks(
-    row_step: int, block: int, make_recording: Callable[..., object]
-) -> None:
-    recording = make_recording((30, 9, 5), row_step=row_step)
-    image = average_samples(recording, start=3, stop=28, block_samples=block)  # type: ignore[arg-type]
-    assert image.averaging is Averaging.PHASOR
-    samples, amplitude = recording.range_mm[3:28], recording.amplitude[3:28]  # type: ignore[attr-defined]
-    for row in range(9):
-        for col in range(5):
-            expected = naive_phasor_mean(samples[:, row, col].tolist(), amplitude[:, row, col].tolist())
-            assert image.range_mm[row, col] == pytest.approx(expected, nan_ok=True)
-
-
-def test_average_reads_no_more_samples_at_once_than_it_is_allowed(make_recording: Callable[..., object]) -> None:
-    recording = make_recording((50, 9, 11), row_step=2)
-    average_samples(recording, start=0, stop=50, block_samples=100)  # type: ignore[arg-type]
-    assert max(recording.blocks) <= 100  # type: ignore[attr-defined]
-
-
 def test_the_mean_keeps_to_the_turn_of_the_samples() -> None:
     class WithAmplitude(ArrayRecording):
         has_amplitude = True
@@ -394,12 +338,6 @@ def test_without_amplitude_or_frequency_the_plain_mean(make_recording: Callable[
         np.testing.assert_allclose(image.range_mm, expected, rtol=1e-6)
 
 
-@pytest.mark.parametrize(("start", "stop"), [(0, 31), (5, 5), (-1, 4)])
-def test_frames_that_are_not_there_are_refused(start: int, stop: int, make_recording: Callable[..., object]) -> None:
-    with pytest.raises(UsageError, match="it has 30"):
-        average_samples(make_recording((30, 2, 2)), start=start, stop=stop)  # type: ignore[arg-type]
-
-
 def test_layers_average_by_their_shares(make_layers: MakeLayers) -> None:
     layers = make_layers((6, 5))
     image = average_layers(layers)
@@ -409,15 +347,6 @@ def test_layers_average_by_their_shares(make_layers: MakeLayers) -> None:
         weight, range_mm = layers.weight[pixel][:n].astype(float), layers.range[pixel][:n].astype(float)
         expected = float((weight * range_mm).sum() / weight.sum()) if n else math.nan
         assert image.range_mm[pixel] == pytest.approx(expected, nan_ok=True)
-
-
-def test_averaging_does_not_alter_its_input(make_layers: MakeLayers, make_recording: Callable[..., object]) -> None:
-    layers, recording = make_layers(), make_recording()
-    before = layers.range.copy(), recording.range_mm.copy(), recording.amplitude.copy()  # type: ignore[attr-defined]
-    average_layers(layers)
-    average_samples(recording, start=0, stop=50)  # type: ignore[arg-type]
-    for old, new in zip(before, (layers.range, recording.range_mm, recording.amplitude), strict=True):  # type: ignore[attr-defined]
-        np.testing.assert_array_equal(old, new)
 
 
 def test_means_and_layers_on_a_circle_are_averaged_by_direction() -> None:

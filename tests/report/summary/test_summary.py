@@ -14,7 +14,7 @@ from tofmix.io.layers.layers_file import LayersWriter, open_layers
 from tofmix.layers import Layers
 from tofmix.report.summary.quantiles import ValueCounts
 from tofmix.report.summary.summary import Summary, summarise
-from tofmix.report.summary.tables import format_table, ordinal, printable
+from tofmix.report.summary.tables import format_table
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 
 
@@ -137,15 +137,6 @@ def test_no_surface_anywhere_gives_none_not_nan(make_source: MakeSource) -> None
     }
 
 
-def test_unknown_curves_and_statuses_are_shown_as_they_are(make_layers: MakeLayers, make_source: MakeSource) -> None:
-    summary = summarise(make_source(make_layers(), sensor=Sensor(name="bare")))
-    assert summary.sigma_over_curve.count == 0
-    assert summary.warnings[0].code == "no_noise_curve"
-    layers = make_layers()
-    layers.status[0, :2] = 77
-    assert summarise(make_source(layers)).pixels_by_status["status_77"] == 2
-
-
 def test_layers_on_both_sides_of_the_fold_are_close(make_source: MakeSource) -> None:
     layers = Layers.empty((1, 3), 3)
     layers.n_modes[0] = (2, 2, 1)
@@ -191,30 +182,6 @@ def test_quantiles_are_numpys_and_memory_stays_bounded() -> None:
     np.testing.assert_allclose(quantiles, np.quantile(values, [0.05, 0.5, 0.95]), rtol=1e-3)
 
 
-def test_quantiles_depend_on_finite_values_alone_in_any_order() -> None:
-    values = np.random.default_rng(3).uniform(-50, 50, 20_000).astype(np.float32)
-    forward, backward = ValueCounts(limit=1000), ValueCounts(limit=1000)
-    for block in np.array_split(values, 9):
-        forward.add(block)
-    for block in np.array_split(values[::-1], 31):
-        backward.add(block)
-    assert forward.quantiles(0.1, 0.5, 0.9) == backward.quantiles(0.1, 0.5, 0.9)
-    counts = ValueCounts()
-    counts.add(np.array([np.nan, np.inf, -np.inf], dtype=np.float32))
-    assert counts.quantiles(0.5) == [None]
-    assert counts.count == 0
-    counts = ValueCounts(limit=2)
-    counts.add(np.array([1.0, 2.0, 3.0, 3.4e38], dtype=np.float32))
-    assert np.isfinite(np.array(counts.quantiles(0.0, 1.0), dtype=float)).all()
-
-
-@pytest.mark.parametrize("value", [-3.5, -0.0, 0.0, 1e-30, 7500.0, np.finfo(np.float32).max])
-def test_single_value_is_every_quantile(value: float) -> None:
-    counts = ValueCounts()
-    counts.add(np.full(5, value, dtype=np.float32))
-    assert counts.quantiles(0.0, 0.5, 1.0) == [float(np.float32(value))] * 3
-
-
 def check_form(text: str) -> None:
     lines = text.splitlines()
     assert text.isascii()
@@ -254,14 +221,3 @@ def test_table_keeps_its_columns_of_a_million_pixels_and_of_none(make_source: Ma
     text = format_table(summarise(make_source(layers)))
     check_form(text)
     assert "warning: No pixel shows a surface." in text
-
-
-def test_tied_sigma_is_noted(make_layers: MakeLayers, make_source: MakeSource) -> None:
-    assert "tied" in format_table(summarise(make_source(make_layers(), options={"sigma": "tied"})))
-
-
-def test_words_of_the_table_are_printable() -> None:
-    assert printable("a\x1b[2Jb\nc") == r"a\x1b[2Jb\nc"
-    assert printable("ü") == r"\xfc"
-    assert len(printable("x" * 100, 20)) == 20
-    assert [ordinal(k) for k in (1, 3, 7)] == ["first", "third", "layer 7"]

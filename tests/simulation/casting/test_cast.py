@@ -19,7 +19,6 @@ from tofmix.simulation.casting import cast, cast_cells, cast_kernel
 from tofmix.simulation.casting.cast import MIN_SHARE, MovingCaster, cast_scene
 from tofmix.simulation.casting.cast_kernel import scene_arrays
 from tofmix.simulation.casting.polygon_cast import MovingPolygons, PolygonCaster
-from tofmix.simulation.casting.polygon_kernel import MOST_IN_FRONT
 from tofmix.simulation.effects.base import Context
 from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model, RecordingSettings
@@ -326,40 +325,6 @@ def test_shares_and_ranges_agree_with_brute_force_rays() -> None:
 
 
 @pytest.mark.usefixtures("kernel_casts")
-@pytest.mark.slow
-def test_a_wall_square_to_the_axis_has_the_closed_form_range() -> None:
-    """Without a lens, 8 x 8 rays a pixel: a wall at z has the range z / cos, averaged over the cell."""
-    wall = Surface(name="wall", center_mm=(0, 0, 2000), size_mm=(9000, 9000))
-    model = Model(sensor=camera(distortion=(), fx=100.0, fy=100.0), surfaces=(wall,))
-    truth = cast_scene(model)
-    row, col = np.mgrid[:9, :11]
-    expected = 2000 * np.sqrt(1 + ((col - 5.6) / 100) ** 2 + ((row - 3.9) / 100) ** 2)
-    np.testing.assert_allclose(truth.range_true[..., 0], expected, atol=0.03)
-    assert (truth.n_modes == 1).all()
-    np.testing.assert_array_equal(truth.weight_true[..., 0], np.float32(1 - P_R))
-
-
-@pytest.mark.usefixtures("kernel_casts")
-def test_an_edge_on_the_border_of_two_pixels_is_of_neither() -> None:
-    """A pinhole images a vertical edge as a column's border: no share is lost to its neighbour."""
-    sensor = camera(distortion=(), cx=5.0)
-    edge = 2000 * (6.5 - 5.0) / 18.0
-    board = Surface(name="board", center_mm=(edge - 5000, 0, 2000), size_mm=(10_000, 9000))
-    truth = cast_scene(Model(sensor=sensor, surfaces=(board,)))
-    np.testing.assert_array_equal(truth.n_modes, np.repeat([[1] * 7 + [0] * 4], 9, axis=0))
-
-
-@pytest.mark.usefixtures("kernel_casts")
-@pytest.mark.parametrize("width_mm", [0.3, 3.0])
-def test_a_wire_thinner_than_any_grid_is_not_missed_pinhole(width_mm: float) -> None:
-    wire = Surface(name="wire", center_mm=(150.0, 0, 2000), size_mm=(width_mm, 3000), yaw_deg=0)
-    truth = cast_scene(Model(sensor=camera(), surfaces=(wire, BOARDS[2])))
-    found = np.where(truth.surface == 0, truth.weight_true, 0.0).sum(axis=(1, 2))
-    assert (found > 0.3 * width_mm / 2000 * 18).all()
-    np.testing.assert_allclose(found, width_mm / 2000 * 18, rtol=0.5)
-
-
-@pytest.mark.usefixtures("kernel_casts")
 def test_the_kernel_agrees_with_its_twin() -> None:
     model = Model(sensor=camera(), surfaces=BOARDS)
     scene = scene_arrays(model)
@@ -473,23 +438,6 @@ def test_surfaces_in_one_plane_beyond_the_range_or_none_are_seen_as_the_model_sa
     compare(model, share=0.0015, range_mm=0.1)
     truth = PolygonCaster(camera_polygon()).cast(Model(sensor=camera_polygon()))
     assert not truth.n_modes.any()
-
-
-@pytest.mark.compiled("thousands of pixels are cut")
-@pytest.mark.parametrize(("rows", "cols"), [(8, 8), (24, 1)])
-def test_wide_pixels_are_cast_as_well(rows: int, cols: int) -> None:
-    sensor = camera_polygon(rows=rows, cols=cols, fov_horizontal_deg=45.0, fov_vertical_deg=45.0)
-    compare(Model(sensor=sensor, surfaces=boards(np.random.default_rng(1), 3, 1500.0)), share=0.0015, range_mm=0.3)
-
-
-@pytest.mark.compiled("thousands of pixels are cut")
-def test_more_surfaces_than_areas_are_worked_out_for_are_cast_by_beams() -> None:
-    many = tuple(
-        Surface(name=f"slat {k}", center_mm=(30.0 + 0.5 * k, 0, 1500 + 20 * k), size_mm=(60, 600))
-        for k in range(MOST_IN_FRONT + 4)
-    )
-    model = Model(sensor=camera_polygon(), surfaces=many)
-    compare(model, share=0.0015, range_mm=0.3)
 
 
 @pytest.mark.compiled("thousands of pixels are cut")

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from tofmix.simulation.casting.cast import cast_scene
-from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
@@ -119,22 +118,6 @@ NOTHING = [
     effect("stuck_pixels", share=0.0, value_mm=3.0),
     effect("quantisation", step_mm=0.0),
 ]
-
-
-def test_every_kind_is_tried_at_zero_magnitude() -> None:
-    tried = {text.split("'")[1] for text in NOTHING}
-    assert tried == set(EFFECTS), "add the kind to NOTHING in this file, with its neutral values"
-
-
-@pytest.mark.parametrize("text", NOTHING, ids=lambda text: text.split("'")[1])
-def test_at_zero_magnitude_the_recording_is_the_one_without(text: str) -> None:
-    """Sample by sample, which is more than the same distribution."""
-    np.testing.assert_array_equal(record(text, frames=20).stored, record(frames=20).stored)
-
-
-def test_all_effects_of_zero_magnitude_change_no_sample() -> None:
-    each_once = "".join({text.split("'")[1]: text for text in NOTHING}.values())
-    np.testing.assert_array_equal(record(each_once, frames=20).stored, record(frames=20).stored)
 
 
 LARGE = WALLS.replace("rows = 20", "rows = 50").replace("cols = 20", "cols = 50")

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.effect_bench import Bench, effect, rendering_peak
+from support.effect_bench import Bench, effect
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.casting.cast import MovingCaster, cast_scene
 from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
-from tofmix.simulation.surface import Surface
 
 
 def at(model: Model, *centres: tuple[float, float, float]) -> Model:
@@ -56,13 +55,6 @@ def test_a_turned_pose_gives_the_cast_of_the_model_with_the_edited_surface(
     same(
         cast_scene(replace(still, effects=(pose,))), cast_scene(replace(still, surfaces=(edited, *still.surfaces[1:])))
     )
-
-
-def test_explain_names_a_turn_only_if_there_is_one() -> None:
-    shifted = effect("surface_pose", surface="near", shift_mm=12.0)
-    assert shifted.explain() == '"near" lies +12 mm along its normal from its position in the model'
-    turned = effect("surface_pose", surface="near", shift_mm=12.0, pitch_deg=-1.5)
-    assert turned.explain() == shifted.explain() + ", turned by -1.5 degrees in pitch"
 
 
 def test_samples_are_those_of_the_moved_scene(bench: Bench) -> None:
@@ -112,25 +104,8 @@ def test_true_ranges_follow_frame_by_frame(bench: Bench) -> None:
     np.testing.assert_array_equal(ranges[11], cast_scene(model, time_s=1.1).range_true)
 
 
-@pytest.mark.slow
-def test_a_long_motion_needs_no_more_memory(bench: Bench) -> None:
-    model = bench.boards(effect("motion", surface="near", velocity_mm_s=1.0), frames=1).model
-    truth = cast_scene(model)
-    rendering_peak(model, truth, 10, block_frames=10)
-    most, few = (rendering_peak(model, truth, frames, block_frames=10) for frames in (60, 20))
-    assert most < 1.5 * few
-
-
 def test_a_surface_that_leaves_the_world_is_refused(bench: Bench) -> None:
     one = effect("motion", surface="wall", velocity_mm_s=99_999.0)
     model = replace(bench.wall(frames=1).model, effects=(one,))
     with pytest.raises(BadInputError, match=r"motion: at 19.9 s: center_mm: .* are not all within \+-1e\+06"):
         render_blocks(model, cast_scene(model), n_frames=200, seed=1)
-
-
-def test_surface_behind_the_sensor_is_not_seen(bench: Bench) -> None:
-    wall = Surface(name="wall", center_mm=(0, 0, 50), size_mm=(4000, 4000))
-    one = effect("motion", surface="wall", velocity_mm_s=-100.0)
-    model = replace(bench.wall(frames=1).model, surfaces=(wall,), effects=(one,))
-    counts = [cast_scene(model, time_s=t).n_modes.max() for t in (0.0, 0.5, 1.0)]
-    assert counts == [1, 0, 0]

@@ -22,14 +22,6 @@ def test_near_samples_have_share_range_and_noise_of_the_glass_and_others_stay(be
     np.testing.assert_array_equal(other.stored[~near], plain.stored[~near])
 
 
-def test_near_samples_come_as_often_in_every_pixel_also_before_open_space(bench: Bench) -> None:
-    other = bench.boards(NEAR, frames=2000)
-    count = (other.stored < 100).sum(axis=0)
-    spread = ((count - 2000 * SHARE) ** 2 / (2000 * SHARE * (1 - SHARE))).sum()
-    assert stats.chi2.sf(spread, count.size) > 1e-4
-    assert (other.truth.weight_no_return > 0.5).any()
-
-
 def test_biases_and_noise_leave_near_samples(bench: Bench) -> None:
     """Whatever the order of the file."""
     alone = bench.boards(NEAR, frames=100)

@@ -7,7 +7,6 @@ import pytest
 from support.effect_bench import Bench, Floats, Recorded, effect
 
 from tofmix.optics.projection import beam_directions_of
-from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import PixelMap
 from tofmix.simulation.effects.base import Context
 from tofmix.simulation.exposure import predict
@@ -74,19 +73,6 @@ def test_noise_by_angle_is_that_of_the_place_where_a_surface_stands(bench: Bench
     assert (as_modelled.sigma_mm[0] / plain_wall.sigma(plain_wall.true_mm)).max() > 10
 
 
-def test_noise_by_angle_stays_where_a_wall_moves_along_its_normal(bench: Bench, plain_wall: Recorded) -> None:
-    """Its ranges fall by a third, its angles are the same."""
-    noisy = effect("excess_noise", factor=1.0, angle_exponent=2.0)
-    move = effect("motion", surface="wall", velocity_mm_s=-280.0)
-    still, moving = bench.wall(move), bench.wall(move, noisy)
-    last = cast_scene(still.model, time_s=1.9).range_true[..., 0].ravel()
-    assert (last < 0.7 * plain_wall.true_mm).all()
-    yaw = np.radians(50)
-    factor = cosines(plain_wall, (np.sin(yaw), 0.0, np.cos(yaw))) ** -2.0
-    error = abs(moving.range_mm[-1] - last - factor * (still.range_mm[-1] - last))
-    assert (error <= 0.5 * (1 + factor) + 0.02 * abs(factor * (still.range_mm[-1] - last))).all()
-
-
 @pytest.mark.parametrize("probability", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize("sigma", [0.0, 50.0])
 def test_interference_adds_in_quadrature_in_some_frames(
@@ -131,14 +117,6 @@ def test_map_of_interference_is_the_part_of_the_noise_of_each_pixel(bench: Bench
     gain = np.hypot(own, 50.0 * values.ravel()) / own
     deviation = plain_wall.range_mm - plain_wall.true_mm
     assert (abs(other.range_mm - plain_wall.true_mm - gain * deviation) <= 0.51 * (1 + gain)).all()
-
-
-@pytest.mark.parametrize("wrong", [-0.1, 1.2, np.nan])
-def test_map_of_interference_with_a_value_that_is_no_part_is_refused(bench: Bench, wrong: float) -> None:
-    values = np.full((9, 11), 0.5, dtype=np.float32)
-    values[2, 5] = wrong
-    with pytest.raises(ValueError, match="map: every pixel needs a part of 0 to 1"):
-        bench.boards(effect("interference", probability=1.0, sigma_mm=5.0, map=PixelMap("", values)))
 
 
 @pytest.mark.parametrize(
@@ -204,12 +182,3 @@ def test_memory_runs_on_across_surfaces_and_random_values(bench: Bench) -> None:
     across = lit[2:] & ~lit[1:-1] & lit[:-2]
     product = (e[2:] * e[:-2])[across]
     assert product.mean() == pytest.approx(0.49, abs=5 * product.std() / product.size**0.5)
-
-
-def test_memory_does_not_depend_on_blocks_and_threads(bench: Bench) -> None:
-    from tofmix.simulation.render import render_blocks
-
-    recorded = bench.wall(effect("temporal_correlation", coefficient=0.7), frames=50)
-    blocks = render_blocks(recorded.model, recorded.truth, n_frames=50, seed=3, block_frames=7, threads=3)
-    ranges = np.concatenate([block.range_mm for block in blocks]).reshape(50, -1)
-    np.testing.assert_array_equal(ranges, recorded.stored)

@@ -68,12 +68,6 @@ def test_number_on_the_other_side_of_half_a_density_is_possible_in_no_camera() -
     assert half.deviate(-10.0) == math.inf
 
 
-@pytest.mark.parametrize(("median", "factor"), [(0.0, 2.0), (5.0, 1.0)])
-def test_lognormal_without_a_positive_median_or_a_width_is_refused(median: float, factor: float) -> None:
-    with pytest.raises(ValueError, match="lognormal prior"):
-        about(median, factor)
-
-
 def test_every_number_declares_a_prior_or_has_any_magnitude() -> None:
     bare = {
         (kind, p.name)
@@ -90,19 +84,6 @@ def test_typical_magnitudes_are_plausible() -> None:
         for p in effect.parameters().values():
             if p.prior is not None and not math.isnan(p.typical[0]):
                 assert all(p.prior.deviate(size) <= FARTHEST for size in p.typical), (kind, p.name)
-
-
-def test_second_path_has_less_light_the_longer_it_is() -> None:
-    near, far = (Multipath(surface="wall", share=0.1, extra_path_mm=path) for path in (500.0, 4000.0))
-    assert near.priors()["share"].deviate(0.1) < far.priors()["share"].deviate(0.1)
-    assert near.plausible()
-    assert not Multipath(surface="wall", share=0.5, extra_path_mm=7495.0).plausible()
-
-
-def test_noise_of_one_surface_is_more_and_that_of_all_may_be_less() -> None:
-    assert ExcessNoise(factor=0.8).plausible()
-    assert not ExcessNoise(factor=0.8, surface="board").plausible()
-    assert ExcessNoise(factor=2.0, surface="board").plausible()
 
 
 def test_log_prior_of_an_effect_is_the_sum_of_those_of_its_numbers() -> None:

@@ -5,8 +5,6 @@ import pytest
 from scipy import stats
 from support.effect_bench import Bench, Recorded, effect
 
-from tofmix.simulation.effects import PixelMap
-
 
 def share_is(found: float, expected: float, n: int) -> None:
     """Within four standard errors of a binomial share."""
@@ -23,12 +21,6 @@ def test_outliers_are_uniform_and_replace_the_rest(bench: Bench, probability: fl
     assert unlike.mean() < 1e-3  # a random value may happen to be the one that it replaced
     if probability:
         assert stats.kstest(other.stored[changed], stats.uniform(649.5, 6851).cdf).pvalue > 1e-3
-
-
-def test_truth_counts_all_outliers(bench: Bench) -> None:
-    truth = bench.boards(effect("outliers", probability=0.3), frames=1).truth
-    total = np.nansum(truth.weight_true, axis=-1) + truth.weight_no_return
-    np.testing.assert_allclose(total, 1 - 0.02 - 0.3, rtol=1e-6)
 
 
 @pytest.mark.parametrize("probability", [0.0, 0.1, 1.0])
@@ -64,16 +56,6 @@ def test_saturation_loses_bright_samples(bench: Bench, plain_wall: Recorded, wel
     assert lost.mean() == 0 if well == 1e9 else 0 < lost.mean() < 1
 
 
-def test_random_values_are_never_lost(bench: Bench) -> None:
-    plain = bench.boards(frames=200)
-    for one in (effect("dropout", probability=1.0), effect("saturation", full_well_amplitude=1e-9)):
-        other = bench.boards(effect("outliers", probability=0.1), one, frames=200)
-        assert (other.stored > 0).mean() >= 0.1
-        wild = (plain.amplitude == 0) & (other.stored > 0)
-        assert wild.any()
-        assert not other.amplitude[other.stored > 0].any()
-
-
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.5])
 def test_stuck_pixels_return_one_value(bench: Bench, share: float) -> None:
     big = {"rows": 60, "cols": 100}
@@ -85,14 +67,6 @@ def test_stuck_pixels_return_one_value(bench: Bench, share: float) -> None:
     share_is(stuck.mean(), share, stuck.size)
     rest = other.stored[:, ~stuck]
     np.testing.assert_array_equal(rest[rest > 0], plain.stored[:, ~stuck][rest > 0])
-
-
-def test_map_selects_the_stuck_pixels(bench: Bench, plain_wall: Recorded) -> None:
-    values = np.full((6, 40), np.nan, dtype=np.float32)
-    values[2, 3], values[5, 39] = 777, 65_534
-    other = bench.wall(effect("stuck_pixels", map=PixelMap("", values)))
-    expected = np.where(np.isnan(values.ravel()), plain_wall.stored, np.nan_to_num(values.ravel()))
-    np.testing.assert_array_equal(other.stored, expected)
 
 
 @pytest.mark.parametrize("step", [0.0, 0.3, 7.3, 250.0])

@@ -200,12 +200,6 @@ def test_effect_tables_are_refused_with_key_value_and_remedy(text: str, message:
     assert "\n" not in str(caught.value)
 
 
-def test_a_kind_may_be_there_twice_with_another_surface() -> None:
-    more = '[[surface]]\nname = "wall"\ncenter_mm = [0, 0, 4000]\nsize_mm = [9000, 9000]\n'
-    poses = table("surface_pose", surface="board", shift_mm=1) + table("surface_pose", surface="wall", shift_mm=2)
-    assert len(parse_model(MODEL + more + poses, source="m").effects) == 2
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ripple(Effect):
     """One effect more: a ripple from row to row."""

@@ -52,12 +52,6 @@ def test_spot_is_found_where_the_noise_is_larger(factor: float) -> None:
     assert found == pytest.approx([20.0, x, y, wide, high], rel=0.1, abs=0.02)
 
 
-def test_noise_of_few_pixels_has_no_spot() -> None:
-    place = image_places((4, 5))
-    facts: Any = _Facts(np.ones(20), np.ones(20), place)
-    assert measured(facts, np.ones(20)) == []
-
-
 def test_noise_as_predicted_has_no_large_spot() -> None:
     place = image_places((40, 50))
     sigma = np.full(2000, 8.0)
