@@ -17,7 +17,7 @@ from tofmix.reconciliation.likelihood.joint import RecordingView, joint_likeliho
 from tofmix.reconciliation.likelihood.mixture import plane_distance
 from tofmix.reconciliation.likelihood.unsteady_way import PARTS
 from tofmix.reconciliation.parameters.searches import search_facts
-from tofmix.simulation.effects.search import OUT_OF_SIGHT, SearchFacts
+from tofmix.simulation.effects.search import SearchFacts
 from tofmix.simulation.model import Model
 
 
@@ -62,7 +62,7 @@ def _speeds(view: RecordingView, facts: SearchFacts) -> FloatArray:
     lit, number = m.of_main(m.lit).astype(bool), m.of_main(m.surface)
     speed = np.zeros(lit.size)
     for seen in facts.surfaces:
-        if abs(seen.speed_mm_s) * facts.duration_s > OUT_OF_SIGHT * seen.sigma_mm:
+        if facts.goes_far(seen):
             own = lit & (number == view.scene.names.index(seen.name))
             speed[own] = seen.speed_mm_s * m.of_main(m.mean)[own] / plane_distance(seen.surface)
     return speed

@@ -14,7 +14,7 @@ from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.special import expit, ndtri
+from scipy.special import betaln, expit, ndtri
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.compiled.jit import jit
@@ -254,6 +254,35 @@ def _reshared(mixture: Mixture, where: Any, surface: IntArray, change: FloatArra
     return np.asarray(np.where(same[:, None], new, weight))
 
 
+class LostInPart(NamedTuple):
+    """Lost samples of some pixels in a part of the time. Shares of pixels are Beta(m, 1 - m) about their mean m."""
+
+    times: IntArray
+    """(time,), of a mixture."""
+
+    lost: FloatArray
+    """(n,), lost samples."""
+
+    frames: int
+    """Frames of the part."""
+
+    usual: float
+    """Mean share of the pixels."""
+
+    @property
+    def share(self) -> FloatArray:
+        """Share of lost samples (n,)."""
+        return np.asarray((self.lost + self.usual) / (self.frames + 1.0))
+
+    @property
+    def nats(self) -> float:
+        """Log density with unknown shares, less that at `share`."""
+        kept = self.frames - self.lost
+        there = self.lost * np.log(self.share) + kept * np.log1p(-self.share)
+        whole = betaln(self.lost + self.usual, kept + 1.0 - self.usual) - betaln(self.usual, 1.0 - self.usual)
+        return float((whole - there).sum())
+
+
 def _leaves(past: FloatArray) -> BoolArray:
     """Pixels (pixel,) in which ranges (time, component, pixel), over the nearest known ones, are not known."""
     least = 0.05  # part of a range over which noise and light hardly change
@@ -345,12 +374,12 @@ class Likelihood:
         if not there.any():
             return mixture.invalid
         invalid = mixture.invalid.copy()
-        for times, lost, frames in self.lost_in_parts(mixture, there):
-            invalid[np.ix_(times, there)] = (lost + 0.5) / (frames + 1.0)  # Jeffreys' prior
+        for part in self.lost_in_parts(mixture, there):
+            invalid[np.ix_(part.times, there)] = part.share
         return invalid
 
-    def lost_in_parts(self, mixture: Mixture, pixels: BoolArray) -> Iterator[tuple[IntArray, FloatArray, int]]:
-        """Times, lost samples (n,) of some pixels and number of frames, of each part of the time of each recording."""
+    def lost_in_parts(self, mixture: Mixture, pixels: BoolArray) -> Iterator[LostInPart]:
+        """The lost samples of some pixels in each part of the time of each recording."""
         parts = 4
         for frames in self.evidence.recordings:
             own = np.arange(frames.start, frames.stop)
@@ -358,7 +387,8 @@ class Likelihood:
                 some = own[np.isin(mixture.key[own], times)]
                 if some.size:
                     lost = self.evidence.samples[some][:, pixels] == 0
-                    yield times, lost.sum(axis=0).astype(np.float64), some.size
+                    usual = (float(lost.sum()) + 0.5) / (lost.size + 1.0)
+                    yield LostInPart(times, lost.sum(axis=0).astype(np.float64), some.size, usual)
 
     def goes_beyond(self, mixture: Mixture) -> bool:
         """Whether what moves leaves the ranges of which a measured scene tells the noise."""

@@ -87,6 +87,7 @@ def course(
     root = np.tril(np.ones((knots.size - 1, knots.size - 1))) / math.sqrt(knots.size - 1)  # of the walk's covariance
     walk, whole_walk = hats @ root, whole @ root
     best, nats, prior = (-np.inf, here_mm, 0.0), [], []
+    steady = 0.5  # probability that there is no walk, and that no frame has a part of its own
     for jitter in PARTS:
         weight = np.where(told, safe / (1.0 + safe * (jitter * way_mm) ** 2), 0.0)
         plain = float(y @ (weight * y)) + float(np.log1p(information * (jitter * way_mm) ** 2)[told].sum())
@@ -95,7 +96,9 @@ def course(
             pull = own.T @ (weight * y)
             along, volume = _solved(own.T @ (own * weight[:, None]), pull)
             nats.append(peak - 0.5 * (plain - float(pull @ along) + volume))
-            prior.append(float(np.prod([0.5 if size == 0 else 0.5 / (len(PARTS) - 1) for size in (jitter, drift)])))
+            prior.append(
+                math.prod(steady if size == 0 else (1.0 - steady) / (len(PARTS) - 1) for size in (jitter, drift))
+            )
             if nats[-1] + math.log(prior[-1]) > best[0]:
                 mean = own @ along + (jitter * way_mm) ** 2 * weight * (y - own @ along)
                 told_of_speed = _told_of_speed(whole_walk * (drift * way_mm), weight, time_s)

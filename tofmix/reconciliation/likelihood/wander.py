@@ -203,7 +203,7 @@ def straight_way(samples: FloatArray, time_s: FloatArray, alpha: float) -> float
     levels = frame_levels(samples[:, of_pixels.told])
     if abs(way) >= far and float(kendalltau(of_pixels.since, levels, nan_policy="omit").pvalue) < alpha:
         return way
-    straight = 2.0 * FARTHEST_SCORE  # change of one pixel, in sigma: noise with a memory rarely goes so straight
+    straight = 1.5 * FARTHEST_SCORE  # change of one pixel, in sigma: noise with a memory rarely goes so straight
     moving = of_pixels.told & (np.abs(of_pixels.change_mm) > straight * np.hypot(of_pixels.sigma_mm, cell))
     slopes = of_pixels.slope[moving]
     alike = 0.25  # part of a speed by which pixels of one body differ

@@ -28,7 +28,6 @@ from tofmix.reconciliation.one.recordings import SearchTask, hidden_of
 from tofmix.reconciliation.one.summary import Summary, spreads_of_biases
 from tofmix.reconciliation.one.ways import fitted_way, way_nats
 from tofmix.simulation.effects import Effect
-from tofmix.simulation.effects.base import Level
 from tofmix.simulation.effects.hidden import (
     DisturbedFrames,
     PatternSpreads,
@@ -173,8 +172,7 @@ class FittedSet:
 
     @property
     def _moves(self) -> bool:
-        own = (law.kind for law in self.laws)
-        return any(kind.level is Level.GEOMETRY and kind.changes_in_time for kind in own)
+        return self.task.moves_far and any(law.kind.places_in_time() for law in self.laws)
 
     @property
     def _spreads(self) -> PatternSpreads:
@@ -414,6 +412,14 @@ class FittedSet:
         if not math.isfinite(self.at_start) or self.started is None or self.hessian is None:
             self.refused = self.refused or "cannot have these numbers"
             return self
+        self._climb(hopeless)
+        self.finish()
+        return self
+
+    def _climb(self, hopeless: float) -> None:
+        """Newton's steps from the present numbers, as of `fit`."""
+        if self.started is None or self.hessian is None:
+            raise TypeError("a set is begun before it is fitted")
         self.below_top_nats = 0.0
         x, here = self.x.copy(), self.started
         again = self.pattern is not None
@@ -443,8 +449,6 @@ class FittedSet:
                 self.settle_errors(x)
             here = self.log_likelihood(x) + self.log_prior(x)
         self.x = x
-        self.finish()
-        return self
 
     def _newton(self, x: FloatArray, slope: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """The step to the top of the parabola, the same within bounds, and how many nats it is expected to gain.

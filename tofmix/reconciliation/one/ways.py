@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betaln
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.likelihood import ModelState
@@ -25,8 +24,6 @@ from tofmix.reconciliation.likelihood.unsteady_way import (
     course,
 )
 from tofmix.reconciliation.one.recordings import SearchTask
-
-_NUDGE = 0.3  # of sigma, for slopes along the way
 
 
 def fitted_way(task: SearchTask, state: ModelState, bias_mm: FloatArray) -> UnsteadyWay | None:
@@ -97,12 +94,8 @@ def way_nats(task: SearchTask, state: ModelState, mixture: Mixture, bias_mm: Flo
 
 def _lost_nats(task: SearchTask, mixture: Mixture) -> float:
     """What unknown shares of lost samples change in the log-likelihood about those that are seen, nats."""
-    beyond, total = task.likelihood.beyond(mixture), 0.0
-    for _, lost, frames in task.likelihood.lost_in_parts(mixture, beyond) if beyond.any() else ():
-        share = (lost + 0.5) / (frames + 1.0)
-        seen = lost * np.log(share) + (frames - lost) * np.log1p(-share)
-        total += float((betaln(lost + 0.5, frames - lost + 0.5) - betaln(0.5, 0.5) - seen).sum())
-    return total
+    beyond = task.likelihood.beyond(mixture)
+    return sum(part.nats for part in task.likelihood.lost_in_parts(mixture, beyond)) if beyond.any() else 0.0
 
 
 def _course(task: SearchTask, number: int, state: ModelState, mixture: Mixture, bias: FloatArray) -> Course | None:
@@ -113,7 +106,8 @@ def _course(task: SearchTask, number: int, state: ModelState, mixture: Mixture, 
     way_mm = abs(speed) * float(time_s[-1] - time_s[0])
     if not way_mm or state.way is None:
         return None
-    step = _NUDGE * float(np.median(own.of_main(own.sigma)[own.of_main(own.rate) != 0]))
+    nudge = 0.3  # of sigma, for slopes along the way
+    step = nudge * float(np.median(own.of_main(own.sigma)[own.of_main(own.rate) != 0]))
     task.passes += 2
     below, above = (
         task.likelihood.sums(
@@ -149,9 +143,10 @@ def _first_course(task: SearchTask, mixture: Mixture) -> FloatArray:
             continue
         samples = recording.view.evidence.samples[:, moving]
         off = own.near_turn(samples - own.main_means(moving)) / rate[moving]
-        told = np.flatnonzero((samples > 0).any(axis=1))
+        off = np.where(samples > 0, off, np.nan)  # and in frames in which the surface is not in sight
+        told = np.flatnonzero(np.isfinite(off).any(axis=1))
         levels = np.zeros(len(samples))
-        levels[told] = np.nanmedian(np.where(samples[told] > 0, off[told], np.nan), axis=1)
+        levels[told] = np.nanmedian(off[told], axis=1)
         time_s = recording.view.evidence.time_s
         most = 2.0 * PARTS[-1] * float(time_s[-1] - time_s[0])
         out[recording.view.frames] = np.where(np.abs(levels) < most, levels, 0.0)

@@ -248,7 +248,7 @@ def standard_errors(numbers: Numbers, *, by_blocks: bool = True) -> dict[int, di
             known_shape = 1.0 if pattern is not None else stretch(parameter, known, partial(_value, numbers, about))
             if largest > 0:  # no error for a number at its bound, which is taken as exact
                 out[number][name] = largest * known_shape
-        if way is not None and fitted.effect.places_in_time:
+        if way is not None and fitted.effect.places_in_time():
             for name, error in out[number].items():
                 out[number][name] = math.hypot(error, way.speed_error * numeric(fitted.effect)[name])
         for name, least in fitted.effect.least_errors(amplitude).items():

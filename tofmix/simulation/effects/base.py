@@ -353,10 +353,10 @@ class Effect:
         """Share of the samples that the effect replaces by random values."""
         return 0.0
 
-    @property
-    def places_in_time(self) -> bool:
+    @classmethod
+    def places_in_time(cls) -> bool:
         """Whether it places surfaces, elsewhere at each time."""
-        return self.level is Level.GEOMETRY and self.changes_in_time
+        return cls.level is Level.GEOMETRY and cls.changes_in_time
 
     @property
     def moves(self) -> bool:
