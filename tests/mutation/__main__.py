@@ -31,8 +31,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from coverage import CoverageData
-
 from mutation.draw import Mutant, draw
 
 TOP = Path(__file__).parents[2]
@@ -103,6 +101,8 @@ def environment(folder: Path, **more: str) -> dict[str, str]:
 
 def follow(folder: Path, suite: Path, jobs: int, tests: list[str]) -> Lines:
     """Run a whole suite on this checkout's package; return which test runs which lines."""
+    from coverage import CoverageData  # of the extra `dev`; the tests of this module do without
+
     copy, data = dressed(folder, suite), folder / "followed"
     shutil.rmtree(data, ignore_errors=True)
     data.mkdir()
