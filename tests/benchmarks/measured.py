@@ -23,6 +23,7 @@ PARTS = {
     "references": "real recordings with permuted frames, against their own first third as the scene",
     "injections": "changes of known size in real recordings, against their own first half as the scene",
     "minutes": "minutes of a sensor that lies still, against the minutes ten before them as the scene",
+    "legs": "straight legs of flights, against their own first frames as the scene",
     "flights": "flights towards a wall, against the wall at their start",
 }
 """Modules of `measured_parts`, each with the members of `Part`."""

@@ -166,11 +166,35 @@ def test_motion_that_began_before_the_reference_is_named_with_its_speed(
     shown = tofmix("reconcile", "--self=16", recording, "-o", folder)
     assert shown.code == 0, shown.err
     assert f"its first 16 frames: ranges change by {speed_mm_s:+.0f}"[:-2] in shown.err
-    assert "at_rest = true" in (folder / "model.toml").read_text()
+    assert "way_mm = " in (folder / "model.toml").read_text()
     gap = json.loads((folder / "gap.json").read_text())
     assert (gap["verdict"], [e["kind"] for e in gap["effects"]]) == ("explained", ["motion"])
     found, error = (gap["effects"][0][key]["velocity_mm_s"] for key in ("parameters", "stderr"))
     assert abs(found - speed_mm_s) < 3 * error + 0.01 * abs(speed_mm_s)
+
+
+@pytest.mark.slow
+def test_unsteady_motion_is_named_by_the_zones_that_follow_it_with_an_error_for_its_changing_speed(
+    tofmix: Tofmix, tmp_path: Path
+) -> None:
+    """A drone leaves a wall: it speeds up and shakes, noise goes with range, and two rows soon see the floor."""
+    rng, time_s = np.random.default_rng(5), np.arange(72) / 15.0
+    way_mm = 400.0 * time_s + 25.0 * time_s**2 + rng.normal(0.0, 8.0, time_s.size)
+    depth_mm = np.repeat(900.0 + way_mm, 64).reshape(-1, 8, 8)
+    depth_mm += rng.standard_normal(depth_mm.shape) * 5.0 * (depth_mm / 900.0) ** 1.5
+    depth_mm[25:, 6:] = 1300.0 + rng.normal(0.0, 12.0, (47, 2, 8))
+    recording, folder = tmp_path / "a.h5", tmp_path / "gap"
+    tm.from_array(depth_mm, units="mm", fov_deg=(45.0, 45.0), depth_axis="z", time_s=time_s).save(recording)
+    shown = tofmix("reconcile", "--self=12", recording, "-o", folder)
+    assert shown.code == 0, shown.err
+    assert "16 pixels (within rows 6 to 7, columns 0 to 7) do not follow what moves, and were left out" in shown.out
+    gap = json.loads((folder / "gap.json").read_text())
+    assert gap["verdict"] in ("explained", "partly_explained")
+    motion = next(e for e in gap["effects"] if e["kind"] == "motion")
+    found, error = (motion[key]["velocity_mm_s"] for key in ("parameters", "stderr"))
+    true = float(np.polyfit(time_s[12:], way_mm[12:], 1)[0])
+    assert abs(found - true) < 0.1 * true
+    assert abs(found - true) < 2 * error < 0.3 * true
 
 
 def test_reference_without_a_whole_surface_is_compared(tofmix: Tofmix, tmp_path: Path) -> None:

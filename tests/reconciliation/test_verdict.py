@@ -62,6 +62,12 @@ def test_too_few_samples_to_see_half_a_sigma_never_agree() -> None:
     assert not findings(panel(), panel(), samples=120).few
 
 
+def test_too_few_samples_to_see_half_a_sigma_leave_a_name_in_doubt() -> None:
+    """A few zones show what moves by 100 sigma, and not whether half a sigma is left."""
+    assert judge(findings(panel(bias=9.0), panel(), chosen(), samples=40)) == "partly_explained"
+    assert judge(replace(findings(panel(bias=9.0), panel(), chosen()), independent=0.03)) == "unexplained"
+
+
 def test_explained_needs_no_statistic_that_stands_out_whatever_the_gap() -> None:
     before = panel(bias=2.0, spread=0.3)
     assert judge(findings(before, panel(), chosen())) == "explained"

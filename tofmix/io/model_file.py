@@ -127,7 +127,7 @@ def scene_of_model(file: Path) -> SceneReader:
             walks=walks,
             range_max_mm=range_max_mm,
             every=every,
-            at_rest=table.boolean("at_rest") if "at_rest" in table else False,
+            way_mm=table.number("way_mm") if "way_mm" in table else 0.0,
             layers_path=table.text("layers"),
             surfaces_path=table.text("surfaces") if "surfaces" in table else "",
         )

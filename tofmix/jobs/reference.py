@@ -26,7 +26,7 @@ from tofmix.jobs.files import opened_recording
 from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.jobs.scene import estimated, measured_model, settings_of
 from tofmix.reconciliation.likelihood import wander
-from tofmix.reconciliation.likelihood.wander import straight_courses, straight_way
+from tofmix.reconciliation.likelihood.wander import straight_courses, straight_way, uneven_way
 from tofmix.recording import CameraSource, SampleSource
 from tofmix.sensor import Sensor
 from tofmix.simulation import BUILTIN_MODELS
@@ -171,8 +171,8 @@ def _of_frames(
     """The reference of the first frames of a recording, of which those between independent ones are left out."""
     _check_frames(path, frames, "the first " if used else "")
     about = About(path, f"its first {frames} frames" if used else "")
-    course = _course(recording, frames, about, reporter)
-    table = SceneTable(range_max_mm=others_mm, at_rest=course is not None)
+    way_mm, course = _course(recording, frames, about, reporter)
+    table = SceneTable(range_max_mm=others_mm, way_mm=way_mm)
     with (
         _written(recording, frames, path, 1, course) as part,
         estimated(part, workers, reporter, about=about) as layers,
@@ -195,25 +195,30 @@ def _check_frames(path: Path, frames: int, which: str = "") -> None:
         raise BadInputError(f"{path}: {which}{frames} frames; a reference needs {LEAST_SAMPLES}")
 
 
-def _course(recording: RecordingFile, frames: int, about: About, reporter: Reporter) -> FloatArray | None:
-    """The straight ways of pixels (frame, row, col), mm, within the first frames of a recording, which are said.
+def _course(recording: RecordingFile, frames: int, about: About, reporter: Reporter) -> tuple[float, FloatArray | None]:
+    """The way of all means, mm, and the straight ways of pixels (frame, row, col), mm, within the first frames.
 
-    None if the ranges do not change far. The scene is that of the middle of the time: an effect that moves a surface
-    begins there.
+    They are said; 0 and None if the ranges do not change far. The scene is that of the middle of the time: an effect
+    that moves a surface begins there.
     """
     _refuse_targets(recording, about.recording)
     time_s = recording.read_time()
     since, alpha = np.arange(frames, dtype=np.float64) if time_s is None else time_s[:frames], 0.01
     far_mm = straight_way(_of_some_pixels(recording, frames), since, alpha)
     if far_mm is None:
-        return None
+        return 0.0, None
     reporter.warn(
         f"{about.name}: ranges change by {far_mm:+.0f} mm within the reference: the camera or its scene moves. The"
-        " scene is that of the middle of this time, and each pixel's straight way is taken out"
+        " scene is that of the middle of this time, and the way of each pixel is taken out"
     )
     samples = recording.read_range(slice(frames), slice(None)).astype(np.float64)
-    ways = straight_courses(np.where(samples > 0, samples, np.nan).reshape(frames, -1), since)
-    return ways.reshape(samples.shape)
+    shape, samples = samples.shape, np.where(samples > 0, samples, np.nan).reshape(frames, -1)
+    ways = straight_courses(samples, since)
+    moving = np.ptp(ways, axis=0) > 0
+    if moving.any():
+        middle = ways[:, moving] + np.nanmedian(samples[:, moving] - ways[:, moving], axis=0)
+        ways[:, moving] += uneven_way(samples[:, moving] - middle, middle, since)[:, None] * middle
+    return far_mm, ways.reshape(shape)
 
 
 def _of_some_pixels(recording: RecordingFile, frames: int) -> FloatArray:

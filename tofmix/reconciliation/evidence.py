@@ -49,6 +49,8 @@ class Evidence:
         Of one sample, as the first recording has it; None if it is not known.
     repeated : int
         Number of frames that were left out, because they repeat the frame before sample by sample.
+    others : (pixel,) bool or None
+        Pixels that were left out, because they do not follow what moves; None if none were.
     """
 
     samples: NDArray[np.uint16]
@@ -61,6 +63,7 @@ class Evidence:
     temperature_c: FloatArray | None = None
     integration_time_ms: float | None = None
     repeated: int = 0
+    others: BoolArray | None = None
 
     @property
     def shape(self) -> tuple[int, int]:

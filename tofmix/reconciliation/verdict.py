@@ -110,6 +110,11 @@ class VerdictData:
         return self.missing_frames > 0
 
     @property
+    def no_name(self) -> bool:
+        """Whether there are too few independent frames for a name, whatever stands out."""
+        return FRAMES / self.independent > self.frames
+
+    @property
     def missing_frames(self) -> int:
         """Frames that a recording needs beyond those that it has: to see half a sigma, and to be worth `FRAMES`."""
         needed = max(self.frames * (self.smallest_sigma / SIGMAS) ** 2, FRAMES / self.independent)
@@ -227,17 +232,17 @@ def judge(found: VerdictData) -> str:
     Returns
     -------
     str
-        With too few independent samples or frames always ``unexplained``. ``agree``: no effect was added and nothing
-        stands out. ``explained``: effects were added and nothing stands out. ``partly_explained``: a deviation remains,
-        but it is small compared with the gain of the effects, or it was there before and the effects do not change it,
-        or it is a change in time. ``unexplained``: all other cases.
+        With too few independent frames always ``unexplained``. ``agree``: no effect was added and nothing stands out.
+        ``explained``: effects were added and nothing stands out. ``partly_explained``: a deviation remains, but it is
+        small compared with the gain of the effects, or it was there before and the effects do not change it, or it is
+        a change in time; or too few samples could show one. ``unexplained``: all other cases.
     """
     if not found.chosen:
         return "unexplained" if found.open or found.few else "agree"
-    if found.few or not found.sound:
+    if found.no_name or not found.sound:
         return "unexplained"
     if not found.open:
-        return "partly_explained" if found.in_time else "explained"
+        return "partly_explained" if found.in_time or found.few else "explained"
     return "partly_explained" if found.settled or found.mostly else "unexplained"
 
 

@@ -16,6 +16,7 @@ from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
 from tofmix.reconciliation.comparison.compare import Compared, Place, localise
 from tofmix.reconciliation.evidence import Evidence, make_evidence
+from tofmix.reconciliation.followers import without_others
 from tofmix.reconciliation.found import Added, Ledger, Named, TriedEffect, WeighedSet
 from tofmix.reconciliation.likelihood.hidden_fits import fit_bursts
 from tofmix.reconciliation.likelihood.hidden_states import latent_states
@@ -318,7 +319,7 @@ def reconcile(
     BadInputError
         If the models' cameras differ, or one has a memory and a background.
     """
-    recordings = ((model, evidence), *also)
+    recordings = (without_others(model, evidence), *also) if not also else ((model, evidence), *also)
     models = tuple(model for model, _ in recordings)
     for given in models:
         _refuse_what_no_prediction_takes(given)

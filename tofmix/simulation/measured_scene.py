@@ -58,8 +58,8 @@ class SceneTable:
         Longest range of any recording of the scene, of a camera that does not say its own; 0 is that of the layers.
     every : int
         Frames from one sample to the next: a camera that filters its ranges over time repeats itself in between.
-    at_rest : bool
-        Whether the straight ways of surfaces that moved within the recording are no part of the layers.
+    way_mm : float
+        How far ranges went straight within the recording; this way is no part of the layers. 0 if none was taken out.
     layers_path, surfaces_path : str
         Files, relative to the model; surfaces may be empty.
     """
@@ -68,7 +68,7 @@ class SceneTable:
     walks: tuple[float, ...] = ()
     range_max_mm: float = 0.0
     every: int = 1
-    at_rest: bool = False
+    way_mm: float = 0.0
     layers_path: str = ""
     surfaces_path: str = ""
 
@@ -184,6 +184,12 @@ class MeasuredScene(SceneTable):
         """Variance of the mean of all samples by the noise that the samples of a frame share, in sigma squared."""
         return self.repeats * self.frame_noise**2 / max(self.frames, 1)
 
+    @property
+    def middle_error_mm(self) -> float:
+        """Standard error of all means together by the way that was taken out: no way is quite straight."""
+        uneven = 0.05  # part of a way by which its middle is off
+        return uneven * abs(self.way_mm)
+
     def common_width_error(self) -> float:
         """Standard error of the logarithm of all widths together: by chance, the memory of the noise, and the camera.
 
@@ -193,7 +199,15 @@ class MeasuredScene(SceneTable):
         known = max(int(np.where(self.known, self.samples, 0).sum()), 1)
         by_memory = 0.5 * (self.repeats - 1.0) / max(self.frames, 1)
         of_camera = 0.006  # no noise stays the same to better than this
-        return float(np.sqrt(squares / (2.0 * known) + by_memory**2 + of_camera**2))
+        uneven = 0.02  # part of a way that is not straight, and is left in the noise
+        by_way = 0.5 * np.log1p((uneven * self.way_mm / self.typical_sigma_mm) ** 2) if self.way_mm else 0.0
+        return float(np.sqrt(squares / (2.0 * known) + by_memory**2 + of_camera**2 + by_way**2))
+
+    @property
+    def typical_sigma_mm(self) -> float:
+        """Standard deviation of a sample of a typical layer."""
+        each = self.range_error_mm * np.sqrt(np.maximum(self.samples, 1))[..., None]
+        return float(np.nanmedian(each)) if np.isfinite(each).any() else 1.0
 
     def width_error(self) -> FloatArray:
         """Standard error (row, col) of the logarithm of a pixel's width, estimated from its samples.
@@ -341,7 +355,7 @@ def measured_scene(
         walks=table.walks,
         range_max_mm=table.range_max_mm,
         every=table.every,
-        at_rest=table.at_rest,
+        way_mm=table.way_mm,
         layers_path=table.layers_path,
         surfaces_path=table.surfaces_path,
     )

@@ -278,7 +278,7 @@ def parse_model(
 def _read_scene(root: TomlTable, read_scene: SceneReader | None) -> SceneParts:
     """The camera and the scene of the table ``[scene]``, beside which nothing else says what they are."""
     table = root.table("scene")
-    table.refuse_unknown({"layers", "surfaces", "window", "frame_noise", "walks", "range_max_mm", "every", "at_rest"})
+    table.refuse_unknown({"layers", "surfaces", "window", "frame_noise", "walks", "range_max_mm", "every", "way_mm"})
     if "surface" in root:
         raise root.error("a model has either rectangles or a measured scene; leave out one of both", "[[surface]]")
     if "sensor" in root:
@@ -318,7 +318,7 @@ def scene_text(
     values |= {"walks": [round(p, 4) for p in scene.walks]} if scene.walks else {}
     values |= {"range_max_mm": scene.range_max_mm} if scene.range_max_mm > 0 else {}
     values |= {"every": scene.every} if scene.every > 1 else {}
-    values |= {"at_rest": True} if scene.at_rest else {}
+    values |= {"way_mm": round(scene.way_mm, 1)} if scene.way_mm else {}
     tables = [
         *([_comments(remarks)] if remarks else []),
         _table_text("[recording]", _recording_values(recording)),

@@ -22,13 +22,19 @@ VIEW_DEG = 40.0
 """Field of view of all recordings, both ways."""
 
 
-def of_itself(samples: FloatArray, wanted: float = SELF_SHARE, times_s: FloatArray | None = None) -> dict[str, Any]:
+def of_itself(
+    samples: FloatArray,
+    wanted: float = SELF_SHARE,
+    times_s: FloatArray | None = None,
+    *,
+    view_deg: float = VIEW_DEG,
+) -> dict[str, Any]:
     """What is noted of samples (frame, row, col) against their first frames: a share, or a number of frames."""
     start = time.perf_counter()
     with TemporaryDirectory() as folder:
         path = Path(folder) / "recording.h5"
         stamps = np.arange(len(samples)) / RATE_HZ if times_s is None else times_s
-        tm.from_array(samples.astype(np.float32), units="mm", fov_deg=(VIEW_DEG, VIEW_DEG), time_s=stamps).save(path)
+        tm.from_array(samples.astype(np.float32), units="mm", fov_deg=(view_deg, view_deg), time_s=stamps).save(path)
         try:
             gap = _reconciled(path, wanted)
         except BadInputError as error:

@@ -79,6 +79,17 @@ def test_still_pixels_have_no_straight_ways_under_a_memory_either(memory: float)
         assert straight_way(1000.0 + 10.0 * noise, np.arange(20.0), 0.01) is None
 
 
+@pytest.mark.parametrize(("pixels", "told"), [(2, False), (4, True)])
+def test_a_part_of_the_pixels_that_goes_one_way_together_is_told_from_three_of_them_on(pixels: int, told: bool) -> None:
+    """They are few, so that the image as a whole stands still: a wall behind the floor before a drone."""
+    rng, time_s = np.random.default_rng(7), np.arange(12.0)
+    samples = 1000.0 + 10.0 * rng.standard_normal((12, PIXELS))
+    samples[:, :pixels] -= 30.0 * time_s[:, None]
+    way = straight_way(samples, time_s, 0.01)
+    assert (way is not None) is told
+    assert way is None or abs(way + 330.0) < 30.0
+
+
 def test_a_small_way_or_no_time_is_no_straight_way() -> None:
     samples, time_s, _ = _moving(60)
     still = 10.0 * np.random.default_rng(5).standard_normal((60, PIXELS))

@@ -304,7 +304,8 @@ def invalid(evidence: Evidence, m: Mixture, state: ModelState, axes: list[Axis],
     """Invalid samples beyond those that the model predicts, over bins of pixels, and by frame."""
     lost = evidence.samples[part[0]][:, part[1]] == 0
     working = state.working[part[1]]
-    expected = m.invalid[0][part[1]] * len(part[0])
+    of_time = np.bincount(m.key[part[0]], minlength=len(m.invalid)).astype(np.float64)  # frames
+    expected = of_time @ m.invalid[:, part[1]]
     seen = lost.sum(axis=0)
     of_scene = np.zeros(part[1].size) if state.errors is None else state.errors.lost[part[1]] * len(part[0]) ** 2
     for axis in axes:
@@ -314,7 +315,7 @@ def invalid(evidence: Evidence, m: Mixture, state: ModelState, axes: list[Axis],
         n = np.bincount(use, minlength=axis.lower.size) * len(part[0])
         share = np.bincount(
             use,
-            (m.invalid[0][part[1]] * (1 - m.invalid[0][part[1]]))[working] * len(part[0]),
+            (of_time @ (m.invalid * (1 - m.invalid))[:, part[1]])[working],
             minlength=axis.lower.size,
         )
         unknown = np.bincount(use, of_scene[working], minlength=axis.lower.size)
@@ -330,7 +331,7 @@ def invalid(evidence: Evidence, m: Mixture, state: ModelState, axes: list[Axis],
             unit=axis.unit,
             scale_mm=np.ones(n.size),
         )
-    by_frame = lost[:, working].sum(axis=1) - expected[working].sum() / len(part[0])
+    by_frame = lost[:, working].sum(axis=1) - m.invalid[:, part[1][working]].sum(axis=1)[m.key[part[0]]]
     level = max(float(lost[:, working].sum(axis=1).mean()), 1.0)
     size = float(working.sum())
     frame = part[0].astype(np.float64)

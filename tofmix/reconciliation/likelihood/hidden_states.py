@@ -135,7 +135,7 @@ def with_widths(likelihood: Likelihood, state: ModelState, frames: IntArray) -> 
         spread = state.errors.typical_log_width
     if not spread:
         return state
-    mixture = likelihood.scene.mixture(state.effects)
+    mixture = likelihood.predicted(state)
     everything = frames, np.arange(likelihood.evidence.shape[1])
     log_width, error = state.log_width.copy(), state.log_width_error.copy()
     for view in views(likelihood, mixture, everything):

@@ -7,13 +7,14 @@ pixel by pixel), and the memory of the noise.
 """
 
 import math
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.special import expit, ndtri
+from scipy.special import betaln, expit, ndtri
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.compiled.jit import jit
@@ -22,6 +23,7 @@ from tofmix.reconciliation.likelihood.kernel import Sorted, empty_sums, log_like
 from tofmix.reconciliation.likelihood.mixture import Mixture, Scene, Scenes
 from tofmix.reconciliation.likelihood.reference_errors import ReferenceErrors
 from tofmix.reconciliation.likelihood.smooth_kernel import LatentEvents
+from tofmix.reconciliation.likelihood.unsteady_way import UnsteadyWay
 from tofmix.simulation.effects.base import Effect, with_hidden
 from tofmix.simulation.effects.hidden import AffectedPixels, DisturbedFrames, FrameChain, RememberedNoise
 from tofmix.wording import counted
@@ -143,6 +145,8 @@ class ModelState:
         Errors of a measured scene; None if the scene is given.
     shifts : SurfaceShifts or None
         The model's own errors of surfaces in the pixels that they share; None without any.
+    way : UnsteadyWay or None
+        What is uneven in the way of surfaces that move; None if nothing moves.
     """
 
     effects: tuple[Effect, ...]
@@ -156,6 +160,7 @@ class ModelState:
     log_width_error: FloatArray
     errors: ReferenceErrors | None = None
     shifts: SurfaceShifts | None = None
+    way: UnsteadyWay | None = None
 
     @property
     def linking(self) -> tuple[Effect, ...]:
@@ -249,6 +254,41 @@ def _reshared(mixture: Mixture, where: Any, surface: IntArray, change: FloatArra
     return np.asarray(np.where(same[:, None], new, weight))
 
 
+class LostInPart(NamedTuple):
+    """Lost samples of some pixels in a part of the time. Shares of pixels are Beta(m, 1 - m) about their mean m."""
+
+    times: IntArray
+    """(time,), of a mixture."""
+
+    lost: FloatArray
+    """(n,), lost samples."""
+
+    frames: int
+    """Frames of the part."""
+
+    usual: float
+    """Mean share of the pixels."""
+
+    @property
+    def share(self) -> FloatArray:
+        """Share of lost samples (n,)."""
+        return np.asarray((self.lost + self.usual) / (self.frames + 1.0))
+
+    @property
+    def nats(self) -> float:
+        """Log density with unknown shares, less that at `share`."""
+        kept = self.frames - self.lost
+        there = self.lost * np.log(self.share) + kept * np.log1p(-self.share)
+        whole = betaln(self.lost + self.usual, kept + 1.0 - self.usual) - betaln(self.usual, 1.0 - self.usual)
+        return float((whole - there).sum())
+
+
+def _leaves(past: FloatArray) -> BoolArray:
+    """Pixels (pixel,) in which ranges (time, component, pixel), over the nearest known ones, are not known."""
+    least = 0.05  # part of a range over which noise and light hardly change
+    return np.asarray((np.abs(past - 1.0) > least).any(axis=(0, 1)))
+
+
 @dataclass(eq=False)
 class Likelihood:
     """Evaluates states on parts of a recording.
@@ -292,7 +332,67 @@ class Likelihood:
 
     def mixture(self, state: ModelState, *, coarse: bool = False) -> Mixture:
         """The prediction of the model and a state's effects, with the widths of pixels and shifts of surfaces."""
-        return self.with_errors(self.scene.mixture(state.effects, coarse=coarse), state)
+        return self.with_errors(self.predicted(state, coarse=coarse), state)
+
+    def predicted(self, state: ModelState, *, coarse: bool = False) -> Mixture:
+        """The prediction of the model and a state's effects, on their unsteady way."""
+        mixture = self.scene.mixture(state.effects, coarse=coarse)
+        if state.way is None or not mixture.rate.any():
+            return mixture
+        mixture = replace(mixture, since=mixture.since + self._ahead(mixture, state.way))
+        past = self._past_ranges(mixture)
+        if past is None:
+            return mixture
+        if state.way.noise_power:
+            mixture = replace(mixture, sigma=mixture.sigma * past**state.way.noise_power)
+        return replace(mixture, invalid=self._lost_beyond(mixture, past))
+
+    def _ahead(self, mixture: Mixture, way: UnsteadyWay) -> FloatArray:
+        out = np.zeros(mixture.since.size)
+        for frames in self.evidence.recordings:
+            speed = mixture.of_frames(frames).typical_speed
+            if speed:
+                out[frames] = way.ahead_at(speed, self.evidence.time_s)[frames]
+        return out
+
+    def _past_ranges(self, mixture: Mixture) -> FloatArray | None:
+        """Ranges (time, component, pixel) of what moves over the nearest one of which a measured scene tells noise."""
+        if self.scene.model.scene is None:
+            return None
+        known = self.scene.model.sensor.noise.range_mm
+        ranges = np.maximum(mixture.mean, 1.0)
+        return np.where(mixture.lit & (mixture.rate != 0), ranges / np.clip(ranges, known[0], known[-1]), 1.0)
+
+    def beyond(self, mixture: Mixture) -> BoolArray:
+        """Pixels (pixel,) in which what moves leaves the ranges that a measured scene tells of."""
+        past = self._past_ranges(mixture)
+        return np.zeros(mixture.invalid.shape[1], dtype=np.bool_) if past is None else _leaves(past)
+
+    def _lost_beyond(self, mixture: Mixture, past: FloatArray) -> FloatArray:
+        """Shares of lost samples (time, pixel): those that are seen, in each part of the time, where none is known."""
+        there = _leaves(past)
+        if not there.any():
+            return mixture.invalid
+        invalid = mixture.invalid.copy()
+        for part in self.lost_in_parts(mixture, there):
+            invalid[np.ix_(part.times, there)] = part.share
+        return invalid
+
+    def lost_in_parts(self, mixture: Mixture, pixels: BoolArray) -> Iterator[LostInPart]:
+        """The lost samples of some pixels in each part of the time of each recording."""
+        parts = 4
+        for frames in self.evidence.recordings:
+            own = np.arange(frames.start, frames.stop)
+            for times in np.array_split(np.unique(mixture.key[own]), parts):
+                some = own[np.isin(mixture.key[own], times)]
+                if some.size:
+                    lost = self.evidence.samples[some][:, pixels] == 0
+                    usual = (float(lost.sum()) + 0.5) / (lost.size + 1.0)
+                    yield LostInPart(times, lost.sum(axis=0).astype(np.float64), some.size, usual)
+
+    def goes_beyond(self, mixture: Mixture) -> bool:
+        """Whether what moves leaves the ranges of which a measured scene tells the noise."""
+        return bool(self.beyond(mixture).any())
 
     def with_errors(self, mixture: Mixture, state: ModelState) -> Mixture:
         """What a state's effects predict, with its widths of pixels and its shifts of surfaces."""
@@ -425,8 +525,8 @@ class Likelihood:
 
     def _in_affected(self, mixture: Mixture, state: ModelState, effect: Effect) -> Mixture:
         """The prediction in pixels that an effect affects, of that in the others."""
-        other = self.scene.mixture((*state.effects, effect.in_affected()))
-        plain = self.scene.mixture(state.effects)
+        other = self.predicted(replace(state, effects=(*state.effects, effect.in_affected())))
+        plain = self.predicted(state)
         if plain.mean.shape != mixture.mean.shape or plain.mean.shape != other.mean.shape:
             return other
         mean, sigma = mixture.mean + (other.mean - plain.mean), mixture.sigma * (other.sigma / plain.sigma)

@@ -124,6 +124,13 @@ class Mixture:
             frame_bias=self.frame_bias[frames],
         )
 
+    @property
+    def typical_speed(self) -> float:
+        """Typical change of the range of the heaviest components that move, mm/s; 0 if none does."""
+        rate = self.of_main(self.rate)
+        moving = rate[rate != 0]
+        return float(np.median(moving)) if moving.size else 0.0
+
     def near_turn(self, off_mm: NDArray[Any]) -> NDArray[Any]:
         """Differences of samples from a mean, mm, of any shape: on the turn nearest the mean, if the axis folds."""
         return off_mm if self.period <= 0 else np.asarray(off_mm - self.period * np.rint(off_mm / self.period))
@@ -263,7 +270,7 @@ class Scene:
         """The measured scene with the widths of its surfaces at rest, as these effects move them; None without one."""
         scene = self.model.scene
         velocity = self._velocities((*self._apart, *self.own(effects)), 0.0)
-        if scene is None or scene.at_rest or not velocity.any():
+        if scene is None or scene.way_mm or not velocity.any():
             return scene
         noise = self.model.sensor.noise_at(self.model.sensor.integration_time_ms)
         sigma = scene.width * noise.sigma(np.nan_to_num(scene.range_mm, nan=1.0), scene.amplitude)
@@ -319,7 +326,7 @@ class Scene:
         if self._apart_mm is not None:
             mean = mean + np.take_along_axis(self._apart_mm[None], surface, axis=1)
         sigma = np.maximum(stack("sigma_mm", 1.0), _LEAST_SIGMA_MM)
-        if self.model.scene is not None and not self.model.scene.at_rest and velocity.any():
+        if self.model.scene is not None and not self.model.scene.way_mm and velocity.any():
             sigma = self._at_rest(sigma, rate)
         sensor = self.model.sensor
         share = 0.0 if sensor.noise.background is None else sensor.noise.background

@@ -92,7 +92,9 @@ class ReferenceErrors:
             lost_share=np.where(seen, lost, 0.0),
             lost_worth=scene.lost_worth / frames,
             common_lost=math.sqrt(scene.repeats / total),
-            common=scene.frame_variance(),
+            common=scene.frame_variance() + (scene.middle_error_mm / float(np.median(sigma[known]))) ** 2
+            if known.any()
+            else scene.frame_variance(),
             common_log_width=scene.common_width_error(),
             frame_noise=scene.frame_noise,
             walks=scene.walks or UNKNOWN_WALK,

@@ -117,6 +117,28 @@ def frame_levels(away: FloatArray) -> FloatArray:
     return out
 
 
+def uneven_way(off_mm: FloatArray, range_mm: FloatArray, time_s: FloatArray) -> FloatArray:
+    """What samples off a steady way have in common in each frame, in proportion to range (frame,), beside a line.
+
+    Parameters
+    ----------
+    off_mm : (frame, pixel) float64
+        Samples off their way; NaN where there is none.
+    range_mm : (frame, pixel) float64
+        Ranges on this way.
+    time_s : (frame,) float64
+        Time of each frame. Frames of fewer than four samples have what their neighbours in time have.
+    """
+    least = 4  # samples of a frame
+    levels = frame_levels(off_mm / range_mm)
+    told = np.isfinite(off_mm).sum(axis=1) >= least
+    if told.sum() < least:
+        return np.zeros(len(off_mm))
+    levels = np.interp(time_s, time_s[told], levels[told])
+    line = np.polynomial.Polynomial.fit(time_s[told], levels[told], 1)
+    return np.asarray(levels - line(time_s))
+
+
 class _Lines(NamedTuple):
     """Resistant lines of pixels. Arrays are (frame,) and (pixel,); of pixels without one, `told` is False."""
 
@@ -156,6 +178,8 @@ def _lines(samples: FloatArray, time_s: FloatArray) -> _Lines:
 def straight_way(samples: FloatArray, time_s: FloatArray, alpha: float) -> float | None:
     """The way of all means along a line, mm, if it is beyond the reach of a pixel's noise; None if it is not.
 
+    If all together do not go one way, that of those pixels which do, one by one.
+
     Parameters
     ----------
     samples : (frame, pixel) float64
@@ -172,14 +196,27 @@ def straight_way(samples: FloatArray, time_s: FloatArray, alpha: float) -> float
     of_pixels = _lines(samples, time_s)
     if not of_pixels.told.any():
         return None
-    levels = frame_levels(samples[:, of_pixels.told])
-    of_all = _lines(levels[:, None], time_s)
-    way = float(of_all.slope[0] * (time_s[-1] - time_s[0]))
     apart = np.diff(np.unique(samples[np.isfinite(samples)]))
     cell = float(apart.min()) / math.sqrt(12.0) if apart.size else 0.0  # of values on a grid
-    if abs(way) < FARTHEST_SCORE * math.hypot(float(np.median(of_pixels.sigma_mm[of_pixels.told])), cell):
-        return None
-    return way if float(kendalltau(of_all.since, levels, nan_policy="omit").pvalue) < alpha else None
+    way = _way(samples, of_pixels.told, time_s)
+    far = FARTHEST_SCORE * math.hypot(float(np.median(of_pixels.sigma_mm[of_pixels.told])), cell)
+    levels = frame_levels(samples[:, of_pixels.told])
+    if abs(way) >= far and float(kendalltau(of_pixels.since, levels, nan_policy="omit").pvalue) < alpha:
+        return way
+    straight = 1.5 * FARTHEST_SCORE  # change of one pixel, in sigma: noise with a memory rarely goes so straight
+    moving = of_pixels.told & (np.abs(of_pixels.change_mm) > straight * np.hypot(of_pixels.sigma_mm, cell))
+    slopes = of_pixels.slope[moving]
+    alike = 0.25  # part of a speed by which pixels of one body differ
+    together = np.abs(slopes - slopes[:, None]) < alike * np.abs(slopes[:, None])
+    moving[moving] = together[int(together.sum(axis=1).argmax())] if slopes.size else False
+    least, part = 3, 0.02  # pixels, and their part, that are no chance
+    return _way(samples, moving, time_s) if moving.sum() >= max(least, part * of_pixels.told.sum()) else None
+
+
+def _way(samples: FloatArray, pixels: BoolArray, time_s: FloatArray) -> float:
+    """The way of some pixels along a line, mm."""
+    line = _lines(frame_levels(samples[:, pixels])[:, None], time_s)
+    return float(line.slope[0] * (time_s[-1] - time_s[0]))
 
 
 def straight_courses(samples: FloatArray, time_s: FloatArray) -> FloatArray:

@@ -169,6 +169,10 @@ def main_ranges(task: SearchTask, mixture: Mixture, surface: IntArray | None = N
     for k, own in enumerate(task.split(mixture)):
         place = _components(own, None if surface is None else surface[k])
         ranges = np.take_along_axis(own.mean, place[None, None], axis=1)[:, 0]
+        if own.rate.any():  # what moves may be ahead of its place at each time
+            rate = np.take_along_axis(own.rate, place[None, None], axis=1)[:, 0]
+            frames = np.maximum(np.bincount(own.key, minlength=len(rate)), 1)
+            ranges = ranges + rate * (np.bincount(own.key, own.since, minlength=len(rate)) / frames)[:, None]
         out.append(ranges[0] + own.near_turn(ranges - ranges[0]).mean(axis=0))
     return np.stack(out)
 
@@ -256,7 +260,7 @@ class Expansion:
         again : int
             Most expansions about other log widths, where samples are too far for those of the start.
         """
-        predicted = task.likelihood.scene.mixture(state.effects)
+        predicted = task.likelihood.predicted(state)
         mixture = task.likelihood.with_errors(predicted, state)
         over = overstated(task, state, mixture)
         image = task.likelihood.evidence.image
@@ -324,7 +328,7 @@ class Expansion:
             With these effects; its own widths and shifts do not count.
         """
         task, like = self.task, self.task.likelihood
-        predicted = like.scene.mixture(state.effects)
+        predicted = like.predicted(state)
         moved = predicted.near_turn(main_ranges(task, predicted, self._surface) - self._ranges)
         measured = self.measured_mm - np.where(self.used, moved, 0.0)
         by_effects = log_sigma(task, predicted, self._surface) - self._own_log_sigma

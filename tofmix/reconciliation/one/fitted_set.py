@@ -21,10 +21,12 @@ from tofmix.reconciliation.likelihood.beats import FrameNoise, of_unknown_phase
 from tofmix.reconciliation.likelihood.likelihood import ModelState, forward
 from tofmix.reconciliation.likelihood.memory import fit_memory, memory_gain_at_own_widths, memory_of
 from tofmix.reconciliation.likelihood.mixture import Mixture
+from tofmix.reconciliation.likelihood.unsteady_way import UnsteadyWay
 from tofmix.reconciliation.one.coordinates import Key, Law, key_of_state
 from tofmix.reconciliation.one.expansion import Expansion
 from tofmix.reconciliation.one.recordings import SearchTask, hidden_of
 from tofmix.reconciliation.one.summary import Summary, spreads_of_biases
+from tofmix.reconciliation.one.ways import fitted_way, way_nats
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.hidden import (
     DisturbedFrames,
@@ -94,6 +96,7 @@ class FittedSet:
     started: float | None = None
     about: Expansion | None = None
     memory_nats: float | None = None
+    way: UnsteadyWay | None = None
     below_top_nats: float = math.inf
     _offset: float = 0.0
 
@@ -147,6 +150,7 @@ class FittedSet:
             disturbed=null.disturbed if self.disturbed is None else self.disturbed,
             log_width=null.log_width if self.about is None else self.about.log_width,
             shifts=None if self.about is None else self.about.shifts,
+            way=self.way,
         )
 
     @property
@@ -167,12 +171,18 @@ class FittedSet:
         return stepped and (self.disturbed is not None or any(law.kind.changes_in_time for law in self.laws))
 
     @property
+    def _moves(self) -> bool:
+        return self.task.moves_far and any(law.kind.places_in_time() for law in self.laws)
+
+    @property
     def _spreads(self) -> PatternSpreads:
         return self.task.given if self.pattern is None else self.pattern[1]
 
     def settle_errors(self, x: FloatArray | None = None, *, final: bool = False, passes: int = 2) -> None:
         """Expand the samples about the most likely static errors; ValueError out of bounds."""
         thin = self.thin and not final
+        if self._moves:
+            self.way = fitted_way(self.task, self.state(x), self.beta)
         self.about = Expansion.of(self.task, self.state(x), self._spreads, self.beta, thin=thin, passes=passes)
 
     def log_likelihood(self, x: FloatArray, *, final: bool = False) -> float:
@@ -195,10 +205,12 @@ class FittedSet:
         for recording in self.task.recordings:
             if recording.scene.lost_frames.any():
                 share = mixture.of_frames(recording.view.frames).invalid[0]
-                total += recording.scene.by_lost(recording.lost, recording.part[0].size, share)
+                known = ~self.task.likelihood.beyond(mixture)
+                total += recording.scene.by_lost(recording.lost, recording.part[0].size, share, known)
         for k, recording in enumerate(self.task.recordings):
             if recording.scene.wanders:
                 total += self.course_gain(k, state, mixture, bias_mm[k])
+        total += way_nats(self.task, state, mixture, bias_mm)
         return total + self.frame_gain(state, mixture, bias_mm)
 
     def wanders(self) -> list[bool]:
@@ -400,6 +412,14 @@ class FittedSet:
         if not math.isfinite(self.at_start) or self.started is None or self.hessian is None:
             self.refused = self.refused or "cannot have these numbers"
             return self
+        self._climb(hopeless)
+        self.finish()
+        return self
+
+    def _climb(self, hopeless: float) -> None:
+        """Newton's steps from the present numbers, as of `fit`."""
+        if self.started is None or self.hessian is None:
+            raise TypeError("a set is begun before it is fitted")
         self.below_top_nats = 0.0
         x, here = self.x.copy(), self.started
         again = self.pattern is not None
@@ -429,8 +449,6 @@ class FittedSet:
                 self.settle_errors(x)
             here = self.log_likelihood(x) + self.log_prior(x)
         self.x = x
-        self.finish()
-        return self
 
     def _newton(self, x: FloatArray, slope: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """The step to the top of the parabola, the same within bounds, and how many nats it is expected to gain.

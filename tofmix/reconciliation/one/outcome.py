@@ -28,9 +28,11 @@ from tofmix.reconciliation.one.proposals import About, Columns, Proposal, by_tri
 from tofmix.reconciliation.one.recordings import UNIFORM, SearchTask
 from tofmix.reconciliation.one.search import FoundSets, begun, extend
 from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION, StaticErrors
+from tofmix.reconciliation.one.ways import steadied
 from tofmix.reconciliation.parameters.fits import Fitted, Numbers
 from tofmix.reconciliation.parameters.polish import settle
 from tofmix.reconciliation.settings import Settings, fit_part, held_out
+from tofmix.reconciliation.verdict import MOSTLY
 from tofmix.reconciliation.verification.considered import OTHERS, refusal
 from tofmix.reconciliation.verification.verify import Verified, verify
 from tofmix.simulation.effects import EFFECTS, Effect
@@ -76,14 +78,22 @@ def named(
         judged = verify(likelihood, other, settings)
         if judged.verdict != "unexplained":
             return other, judged
-    open_ = {name_of_effect(added.chosen[k].effect) for k in verified.findings.unsigned}
+    bad = {*verified.findings.unsigned, *(c.number for c in verified.against)}
+    open_ = {name_of_effect(added.chosen[k].effect) for k in bad}
     rest = frozenset(name for name in best.names if name not in open_)
-    less = max((s for s in found.table.values() if s.names == rest), key=lambda s: s.score, default=None)
-    if not open_ or not rest or less is None or not np.isfinite(less.score):
+    parts = (s for s in found.table.values() if s.names and s.names <= rest and s.named)
+    less = max(parts, key=lambda s: s.score, default=None)
+    if not open_ or less is None or not np.isfinite(less.score) or not _is_most_of(less, best, found):
         return added, verified
     other = as_added(found, less)
     judged = verify(likelihood, other, settings)
     return (added, verified) if judged.verdict == "unexplained" else (other, judged)
+
+
+def _is_most_of(less: FittedSet, best: FittedSet, found: FoundSets) -> bool:
+    """Whether a set has nearly all of the evidence of a larger one."""
+    nothing = found.table[frozenset()].evidence
+    return less.evidence - nothing > MOSTLY * (best.evidence - nothing)
 
 
 def better_own_effect(recordings: Sequence[Recording], added: Added, settings: Settings) -> Effect | None:
@@ -155,7 +165,7 @@ def refitted(s: FittedSet) -> tuple[ModelState, tuple[TriedEffect, ...]]:
         pattern = (kind.hidden.made(kind, spreads),)
     bare = replace(s.state(), log_width=task.null.log_width, shifts=None)  # the model's own errors are no part of it
     members = s.members()
-    state = replace(bare, effects=(*members, *s.linked, *pattern))
+    state = replace(steadied(task, bare), effects=(*members, *s.linked, *pattern))
     if not state.effects:
         return latent_states(like, replace(state, effects=()), part[0]), ()
     fits = {
@@ -236,7 +246,7 @@ def _moved(task: SearchTask, state: ModelState, held: Part) -> tuple[ModelState,
     own = state.pixel_variance if state.errors is None else np.zeros_like(state.pixel_variance)  # taken off already
     errors = StaticErrors.of(task.low, known, like.evidence.image, more_variance=own)
     moved = errors.of_model(bias, most)
-    predicted = like.scene.mixture(state.effects)
+    predicted = like.predicted(state)
     state = replace(state, shifts=task.likely_shifts(errors.coordinates_of_model(bias, most), state, predicted))
     if task.width_variance.any():
         return state, _with_biases(task, like.mixture(state), moved)

@@ -182,7 +182,9 @@ class SearchTask:
     def _laws(self, kinds: list[str]) -> list[Law]:
         like = self.likelihood
         taken = {(e.kind, getattr(e, "surface", "")) for e in like.scene.effects}
-        found = laws(kinds, search_facts(like, self.mixture), self.columns.facts, taken, like.scene.model.sensor)
+        facts = search_facts(like, self.mixture)
+        self.moves_far = any(facts.goes_far(seen) for seen in facts.surfaces)
+        found = laws(kinds, facts, self.columns.facts, taken, like.scene.model.sensor)
         lost = [k for k in kinds if EFFECTS[k].loses_by_noise]
         return [law for law in found if law.kind.kind not in lost or self._loses]
 

@@ -175,7 +175,7 @@ class SceneErrors:
         own = wander.gains(slope / free, information * self.typical_mm / free, longer=self.longer)
         return wander.gain(own, self.walks)
 
-    def by_lost(self, lost: IntArray, frames: int, share: FloatArray) -> float:
+    def by_lost(self, lost: IntArray, frames: int, share: FloatArray, known: BoolArray | None = None) -> float:
         """What errors of the shares of lost samples change in the log-likelihood, nats.
 
         Parameters
@@ -186,10 +186,12 @@ class SceneErrors:
             Frames of the recording.
         share : (pixel,) float64
             Predicted share of lost samples.
+        known : (pixel,) bool
+            Pixels of which the scene tells it; all without it.
         """
         least = 1e-6  # probability of a lost sample, as of the pass over samples
         nodes = 9  # of the integral over the logarithm of all shares
-        told = (self.lost_frames > 0) & (share < 1)
+        told = (self.lost_frames > 0) & (share < 1) & (True if known is None else known)
         p, k, worth = np.maximum(share[told], least), lost[told], self.lost_frames[told]
         binomial = float((k * np.log(p) + (frames - k) * np.log1p(-p)).sum())
         of_effects = np.maximum(share[told] - self.lost_share[told], 0.0)

@@ -183,10 +183,10 @@ def search_facts(likelihood: Likelihood, mixture: Mixture) -> SearchFacts:
     surfaces = {s.name: s for view in seen_by for s in view.scene.model.surfaces}
     pixels = [_main(view) for view in seen_by]
     lit, sigma, mean, name, amplitude, lost, median = (np.concatenate(values) for values in zip(*pixels, strict=True))
-    seen = []
+    seen, plane_points = [], 3  # which a plane needs
     for surface in likelihood.scene.names:
         own = lit & (name == surface)
-        if own.sum() >= LEAST_PIXELS:
+        if own.sum() >= plane_points:
             away = (median - mean)[own & ~np.isnan(median)]
             residual = float(np.median(away)) if away.size else 0.0
             typical = float(np.median(sigma[own]))

@@ -237,7 +237,7 @@ def standard_errors(numbers: Numbers, *, by_blocks: bool = True) -> dict[int, di
         if effect in numbers.state.effects:
             errors = zip(hidden.numbers, averaged.spreads_mm.tolist(), strict=True)
             out[numbers.state.effects.index(effect)] = {name: error for name, error in errors if error > 0}
-    start, amplitude = 0, _amplitudes(numbers)
+    start, amplitude, way = 0, _amplitudes(numbers), numbers.state.way
     for number, fitted in numbers.fits.items():
         own = slice(start, start + fitted.problem.parameters)
         start = own.stop
@@ -248,6 +248,9 @@ def standard_errors(numbers: Numbers, *, by_blocks: bool = True) -> dict[int, di
             known_shape = 1.0 if pattern is not None else stretch(parameter, known, partial(_value, numbers, about))
             if largest > 0:  # no error for a number at its bound, which is taken as exact
                 out[number][name] = largest * known_shape
+        if way is not None and fitted.effect.places_in_time():
+            for name, error in out[number].items():
+                out[number][name] = math.hypot(error, way.speed_error * numeric(fitted.effect)[name])
         for name, least in fitted.effect.least_errors(amplitude).items():
             out[number][name] = max(out[number].get(name, 0.0), least)
     return out

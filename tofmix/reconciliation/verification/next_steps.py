@@ -255,6 +255,13 @@ def _of_the_recording(likelihood: Likelihood) -> Iterator[str]:
             f"{counted(repeated, 'frame')} of {repeated + likelihood.evidence.shape[0]} repeated the frame before,"
             " sample by sample, and were left out: check the driver's frame rate."
         )
+    others = likelihood.evidence.others
+    if others is not None:
+        row, col = np.divmod(np.flatnonzero(others), likelihood.evidence.image[1])
+        yield (
+            f"{counted(row.size, 'pixel')} (within rows {row.min()} to {row.max()}, columns {col.min()} to {col.max()})"
+            " do not follow what moves, and were left out: they see another surface for a part of the time."
+        )
 
 
 def _of_few(verified: Verified) -> Iterator[str]:

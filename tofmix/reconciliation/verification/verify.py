@@ -283,7 +283,8 @@ def simulated(likelihood: Likelihood, state: ModelState, settings: Settings, num
         samples[frames] = simulate_like(model, frames.stop - frames.start, seed=first + _SEEDS_APART * k, begun=begun)
     again = Likelihood(replace(evidence, samples=samples), likelihood.scene)
     # A simulation draws its own widths
-    alike = replace(state, log_width=np.zeros_like(state.log_width), log_width_error=np.zeros_like(state.log_width))
+    none = np.zeros_like(state.log_width)
+    alike = replace(state, way=None, log_width=none, log_width_error=none)
     found = latent_states(again, alike, fit_part(likelihood, settings)[0])
     return compare(again, found, held_out(likelihood, settings), seed=first)
 

@@ -353,6 +353,11 @@ class Effect:
         """Share of the samples that the effect replaces by random values."""
         return 0.0
 
+    @classmethod
+    def places_in_time(cls) -> bool:
+        """Whether it places surfaces, elsewhere at each time."""
+        return cls.level is Level.GEOMETRY and cls.changes_in_time
+
     @property
     def moves(self) -> bool:
         """Whether the scene changes with time."""

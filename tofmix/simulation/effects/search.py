@@ -166,6 +166,11 @@ class SearchFacts:
     gain: Callable[[Effect], float]
     nearer: Callable[[float, float], tuple[float, float, float] | None]
 
+    def goes_far(self, seen: SurfaceFacts) -> bool:
+        """Whether a surface goes further than any noise reaches: what is uneven in its way is seen then, too."""
+        reach = 10.0  # sigma
+        return abs(seen.speed_mm_s) * self.duration_s > reach * seen.sigma_mm
+
     @property
     def lit_amplitudes(self) -> FloatArray:
         """Amplitudes of all pixels with light (n,)."""
