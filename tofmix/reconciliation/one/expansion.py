@@ -169,11 +169,13 @@ def main_ranges(task: SearchTask, mixture: Mixture, surface: IntArray | None = N
     for k, own in enumerate(task.split(mixture)):
         place = _components(own, None if surface is None else surface[k])
         ranges = np.take_along_axis(own.mean, place[None, None], axis=1)[:, 0]
+        frames = np.ones(len(ranges))
         if own.rate.any():  # what moves may be ahead of its place at each time
             rate = np.take_along_axis(own.rate, place[None, None], axis=1)[:, 0]
-            frames = np.maximum(np.bincount(own.key, minlength=len(rate)), 1)
-            ranges = ranges + rate * (np.bincount(own.key, own.since, minlength=len(rate)) / frames)[:, None]
-        out.append(ranges[0] + own.near_turn(ranges - ranges[0]).mean(axis=0))
+            frames = np.bincount(own.key, minlength=len(rate)).astype(np.float64)
+            since = np.bincount(own.key, own.since, minlength=len(rate)) / np.maximum(frames, 1)
+            ranges = ranges + rate * since[:, None]
+        out.append(ranges[0] + np.average(own.near_turn(ranges - ranges[0]), axis=0, weights=frames))
     return np.stack(out)
 
 

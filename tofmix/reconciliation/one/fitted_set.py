@@ -182,7 +182,8 @@ class FittedSet:
         """Expand the samples about the most likely static errors; ValueError out of bounds."""
         thin = self.thin and not final
         if self._moves:
-            self.way = fitted_way(self.task, self.state(x), self.beta)
+            first = np.zeros_like(self.beta)  # errors beside the surfaces as given are no errors of what moves
+            self.way = fitted_way(self.task, self.state(x), first if self.way is None else self.beta)
         self.about = Expansion.of(self.task, self.state(x), self._spreads, self.beta, thin=thin, passes=passes)
 
     def log_likelihood(self, x: FloatArray, *, final: bool = False) -> float:
