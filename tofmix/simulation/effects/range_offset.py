@@ -1,13 +1,14 @@
 """A constant bias of every range."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Basic, Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import StudentPrior, number
 from tofmix.simulation.effects.search import (
+    OUT_OF_SIGHT,
     Coefficient,
     FormFacts,
     LinearForm,
@@ -54,8 +55,11 @@ class RangeOffset(Effect):
 
     @classmethod
     def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
-        """Below and above 0."""
-        yield of_sigma(cls, "offset_mm", (-0.3, 0.3), facts.sigma_mm)
+        """Below and above 0, and where most samples lie."""
+        own = of_sigma(cls, "offset_mm", (-0.3, 0.3), facts.sigma_mm)
+        away = facts.typical_residual_mm / facts.sigma_mm
+        far = abs(away) > OUT_OF_SIGHT
+        yield replace(own, starts=(*own.starts, (away,)), shown=True) if far else own
 
     @classmethod
     def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:

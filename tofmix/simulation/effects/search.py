@@ -172,6 +172,12 @@ class SearchFacts:
         return abs(seen.speed_mm_s) * self.duration_s > reach * seen.sigma_mm
 
     @property
+    def typical_residual_mm(self) -> float:
+        """Median of measured minus predicted ranges, mm; 0 where none is known."""
+        known = self.residual_mm[~np.isnan(self.residual_mm)]
+        return float(np.median(known)) if known.size else 0.0
+
+    @property
     def lit_amplitudes(self) -> FloatArray:
         """Amplitudes of all pixels with light (n,)."""
         return self.amplitudes[self.amplitudes > 0]
