@@ -163,6 +163,11 @@ class TriedEffect:
         return isinstance(self.effect.hidden, PixelBias)
 
     @property
+    def at_a_bound(self) -> bool:
+        """Whether its fit ended at numbers at which it is another effect."""
+        return self.fitted is not None and self.fitted.at_a_bound
+
+    @property
     def exact(self) -> bool:
         """Whether its law is exact. Its gain then does not limit the remaining deviation."""
         return self.effect.exact_law
@@ -191,6 +196,8 @@ class Added:
         The set, its aliases and the best others, each with the reason why it is not the answer.
     law : str or None
         Axis of a smooth law that is clearly better than every set of effects; None without one.
+    faint_law : bool
+        Whether the effects have nearly all of the evidence of the set with that law.
     score : float
         Log evidence of all samples, less the price of each effect, nats; minus infinity without a search.
     """
@@ -201,4 +208,5 @@ class Added:
     panel: Compared
     considered: tuple[WeighedSet, ...] = ()
     law: str | None = None
+    faint_law: bool = False
     score: float = -math.inf

@@ -14,6 +14,7 @@ from tofmix.reconciliation.comparison.compare import LEAST_SIZE, Compared, disag
 from tofmix.reconciliation.comparison.panel import SHAPES, Curve
 from tofmix.reconciliation.found import TriedEffect
 from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.hidden import PixelBias, RememberedNoise
 
 LAW = 0.1
 """Possible error of an effect's law, as a part of its change of a statistic: no camera follows a law exactly."""
@@ -69,6 +70,8 @@ class VerdictData:
         Number of judged samples over the number of samples on which gains were scored.
     law : str or None
         Axis of a smooth law that fits better than the found effects.
+    faint_law : bool
+        Whether the effects have nearly all of the evidence of the set with that law.
     own : Effect or None
         The model's own effect with other numbers, if it fits better than the found effects.
     contradicted : bool
@@ -91,6 +94,7 @@ class VerdictData:
     nulls: tuple[Compared, ...] = ()
     judged: float = 1.0
     law: str | None = None
+    faint_law: bool = False
     own: Effect | None = None
     contradicted: bool = False
     bound: bool = False
@@ -150,9 +154,16 @@ class VerdictData:
         return not self.unsigned
 
     @property
+    def refused(self) -> tuple[int, ...]:
+        """Numbers of the effects against which a finding speaks, besides evidence against single ones."""
+        sorts = (*([RememberedNoise] if self.echo else []), *([PixelBias] if self.shaped else []))
+        own = {k for k, c in enumerate(self.chosen) if isinstance(c.effect.hidden, sorts) or c.at_a_bound}
+        return tuple(sorted(own | set(self.unsigned)))
+
+    @property
     def sound(self) -> bool:
         """Whether nothing speaks against the effects, whatever else remains."""
-        other = self.law is not None or self.own is not None
+        other = (self.law is not None and not self.faint_law) or self.own is not None
         sane = self.floor.gap <= max(self.before.gap, _SANE)
         return self.signed and sane and not (other or self.contradicted or self.bound or self.echo or self.shaped)
 
@@ -235,14 +246,15 @@ def judge(found: VerdictData) -> str:
         With too few independent frames always ``unexplained``. ``agree``: no effect was added and nothing stands out.
         ``explained``: effects were added and nothing stands out. ``partly_explained``: a deviation remains, but it is
         small compared with the gain of the effects, or it was there before and the effects do not change it, or it is
-        a change in time; or too few samples could show one. ``unexplained``: all other cases.
+        a change in time, or a faint law that no effect has; or too few samples could show one. ``unexplained``: all
+        other cases.
     """
     if not found.chosen:
         return "unexplained" if found.open or found.few else "agree"
     if found.no_name or not found.sound:
         return "unexplained"
     if not found.open:
-        return "partly_explained" if found.in_time or found.few else "explained"
+        return "partly_explained" if found.in_time or found.few or found.law is not None else "explained"
     return "partly_explained" if found.settled or found.mostly else "unexplained"
 
 

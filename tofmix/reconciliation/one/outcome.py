@@ -32,7 +32,6 @@ from tofmix.reconciliation.one.ways import steadied
 from tofmix.reconciliation.parameters.fits import Fitted, Numbers
 from tofmix.reconciliation.parameters.polish import settle
 from tofmix.reconciliation.settings import Settings, fit_part, held_out
-from tofmix.reconciliation.verdict import MOSTLY
 from tofmix.reconciliation.verification.considered import OTHERS, refusal
 from tofmix.reconciliation.verification.verify import Verified, verify
 from tofmix.simulation.effects import EFFECTS, Effect
@@ -65,6 +64,11 @@ def named(
         if verified.verdict == "agree":
             return given, verified
     extend(found)
+    if found.beside_law is not None:
+        added = as_added(found, found.beside_law)
+        verified = verify(likelihood, added, settings)
+        if verified.verdict != "unexplained":
+            return added, verified
     best = found.answer
     added = as_added(found, best)
     verified = verify(likelihood, added, settings)
@@ -78,22 +82,13 @@ def named(
         judged = verify(likelihood, other, settings)
         if judged.verdict != "unexplained":
             return other, judged
-    bad = {*verified.findings.unsigned, *(c.number for c in verified.against)}
-    open_ = {name_of_effect(added.chosen[k].effect) for k in bad}
-    rest = frozenset(name for name in best.names if name not in open_)
-    parts = (s for s in found.table.values() if s.names and s.names <= rest and s.named)
-    less = max(parts, key=lambda s: s.score, default=None)
-    if not open_ or less is None or not np.isfinite(less.score) or not _is_most_of(less, best, found):
+    bad = (added.chosen[k].name for k in (*verified.findings.refused, *(c.number for c in verified.against)))
+    less = found.most_of(best, frozenset(bad))
+    if less is None or less.names == best.names:
         return added, verified
     other = as_added(found, less)
     judged = verify(likelihood, other, settings)
     return (added, verified) if judged.verdict == "unexplained" else (other, judged)
-
-
-def _is_most_of(less: FittedSet, best: FittedSet, found: FoundSets) -> bool:
-    """Whether a set has nearly all of the evidence of a larger one."""
-    nothing = found.table[frozenset()].evidence
-    return less.evidence - nothing > MOSTLY * (best.evidence - nothing)
 
 
 def better_own_effect(recordings: Sequence[Recording], added: Added, settings: Settings) -> Effect | None:
@@ -149,6 +144,7 @@ def as_added(found: FoundSets, best: FittedSet) -> Added:
         panel=_panel(best, state),
         considered=considered(found, best),
         law=found.law,
+        faint_law=best is found.beside_law,
         score=best.score,
     )
 

@@ -15,13 +15,14 @@ from itertools import chain, permutations
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.reconciliation.found import ALIAS_NATS, Ledger
+from tofmix.reconciliation.found import ALIAS_NATS, Ledger, Named
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.one.coordinates import Key
 from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.proposals import INEXACT, About, Columns, Proposal, by_trial
 from tofmix.reconciliation.one.recordings import SearchTask, observed
 from tofmix.reconciliation.settings import Settings
+from tofmix.reconciliation.verdict import MOSTLY
 from tofmix.reconciliation.verification.considered import MOST_ALIASES
 from tofmix.reconciliation.verification.contradictions import FAINT_SHARE
 from tofmix.simulation.effects.hidden import PixelBias
@@ -87,6 +88,25 @@ class FoundSets:
         if best.named or best.score <= self.best_named.score + ALIAS_NATS:
             return None
         return next(law.surface for law in best.laws if not law.named)
+
+    @property
+    def beside_law(self) -> FittedSet | None:
+        """The named members of the best set, if they have nearly all of its evidence beside the law that has no name.
+
+        No camera follows the laws of the effects exactly, so that a faint law is what a strong effect leaves.
+        """
+        if self.law is None:
+            return None
+        return self.most_of(self.best, frozenset(law.name for law in self.best.laws if not law.named))
+
+    def most_of(self, of: FittedSet, without: frozenset[Named]) -> FittedSet | None:
+        """The best set of members of another one, without some, if it has nearly all of its evidence."""
+        parts = (s for s in self.table.values() if s.names and s.names <= of.names - without and s.named)
+        less = max(parts, key=lambda s: s.score, default=None)
+        if less is None or not math.isfinite(less.score):
+            return None
+        nothing = self.table[frozenset()].evidence
+        return less if less.evidence - nothing > MOSTLY * (of.evidence - nothing) else None
 
     def fit_best(self, proposals: Iterable[Proposal], keep: Callable[[Proposal], bool]) -> None:
         """Fit the proposals of the highest predicted scores, the best one at its start first: others may end early."""

@@ -167,8 +167,9 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings, own: Effect
         independent=independent(likelihood, added.state, settings.alpha, settings.seed),
         judged=len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1),
         law=added.law,
+        faint_law=added.faint_law,
         own=own,
-        bound=any(c.fitted is not None and c.fitted.at_a_bound for c in added.chosen),
+        bound=any(c.at_a_bound for c in added.chosen),
         echo=_echoes(likelihood, added.state, settings),
         shaped=_shaped(likelihood, added.state, held),
     )
