@@ -8,6 +8,7 @@ an effect that gives each pixel its own bias would explain every static bias.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,51 @@ BLOCK_FRAMES = 5  # held out together, at most a quarter of the recording
 BLOCK_PIXELS = 4  # side of a square that is held out
 LEAST_PIXELS = 12  # of a surface or a part of the image, for a median, or a pose of three numbers
 _LEAST_FRAMES = 8  # four blocks of two: two to fit and two to judge
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangedPart:
+    """A part of the image in which a recording shows something else than the measured scene.
+
+    Parameters
+    ----------
+    is_new : bool
+        Whether something new is seen, at another range than all surfaces; else what stood there has gone, and a surface
+        behind it is seen.
+    surfaces : tuple of str
+        What the measured scene has there.
+    rows, cols : (int, int)
+        First and last.
+    pixels : int
+        Their number.
+    range_mm, before_mm : float
+        Medians of the ranges that are seen, and of those of the measured scene; None if it has no surface there.
+    """
+
+    is_new: bool
+    surfaces: tuple[str, ...]
+    rows: tuple[int, int]
+    cols: tuple[int, int]
+    pixels: int
+    range_mm: float
+    before_mm: float | None
+
+    @property
+    def moved_mm(self) -> float | None:
+        """Seen minus earlier range; None if there was no surface."""
+        return None if self.before_mm is None else self.range_mm - self.before_mm
+
+    def as_dict(self) -> dict[str, Any]:
+        """As `gap.json` has it."""
+        numbers = {"range_mm": self.range_mm, "before_mm": self.before_mm}
+        return {
+            "change": "new" if self.is_new else "gone",
+            "surfaces": list(self.surfaces),
+            "rows": list(self.rows),
+            "cols": list(self.cols),
+            "pixels": self.pixels,
+            **{name: None if value is None else round(value, 1) for name, value in numbers.items()},
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,6 +97,8 @@ class Evidence:
         Number of frames that were left out, because they repeat the frame before sample by sample.
     others : (pixel,) bool or None
         Pixels that were left out, because they do not follow what moves; None if none were.
+    changed : tuple of ChangedPart
+        Parts of a measured scene that have changed; their pixels and those of their edges were left out.
     """
 
     samples: NDArray[np.uint16]
@@ -64,6 +112,7 @@ class Evidence:
     integration_time_ms: float | None = None
     repeated: int = 0
     others: BoolArray | None = None
+    changed: tuple[ChangedPart, ...] = ()
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -80,6 +80,8 @@ class VerdictData:
     bound, echo, shaped, in_time : bool
         Whether an effect has numbers at which it is another effect; whether another memory remains after a memory;
         whether a pattern of pixels is a smooth law; whether frames still change in time.
+    changed : bool
+        Whether parts of a measured scene have changed and were left out.
     """
 
     chosen: tuple[TriedEffect, ...]
@@ -101,6 +103,7 @@ class VerdictData:
     echo: bool = False
     shaped: bool = False
     in_time: bool = False
+    changed: bool = False
 
     @property
     def smallest_sigma(self) -> float:
@@ -250,11 +253,12 @@ def judge(found: VerdictData) -> str:
         other cases.
     """
     if not found.chosen:
-        return "unexplained" if found.open or found.few else "agree"
+        return "unexplained" if found.open or found.few or found.changed else "agree"
     if found.no_name or not found.sound:
         return "unexplained"
     if not found.open:
-        return "partly_explained" if found.in_time or found.few or found.law is not None else "explained"
+        rest = found.in_time or found.few or found.changed or found.law is not None
+        return "partly_explained" if rest else "explained"
     return "partly_explained" if found.settled or found.mostly else "unexplained"
 
 

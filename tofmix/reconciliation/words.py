@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from tofmix.reconciliation.comparison.compare import Place
+from tofmix.reconciliation.evidence import ChangedPart
 from tofmix.reconciliation.workflow import NamedEffect, Reconciliation
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.model_toml import surface_table
@@ -31,22 +32,53 @@ _UNITS = {"range": "mm", "time": "s", "radius": "pixels", "neighbour_contrast": 
 
 def headline(result: Reconciliation) -> str:
     """The place of the disagreement, its explanation, and the fall of the gap."""
+    if not result.changed:
+        return _of_effects(result)
+    most, v = 3, result.verified
+    parts = "; ".join(change_text(part) for part in result.changed[:most])
+    more = len(result.changed) - most
+    parts += f"; and {counted(more, 'other place')}" if more > 0 else ""
+    if v.verdict == "unexplained" and not (v.findings.chosen or v.findings.open or v.findings.few):
+        rest = f"All else agrees: the gap is {v.after.gap:.2f}, noise alone gives {v.floor.gap:.2f}."
+    else:
+        rest = _of_effects(result)
+        rest = f"Apart from this, {rest[0].lower()}{rest[1:]}"
+    return f"The scene has changed: {parts}. {rest}"
+
+
+def change_text(part: ChangedPart) -> str:
+    """A part of a measured scene that has changed, in words."""
+    (top, bottom), (first, last) = part.rows, part.cols
+    place = f"in rows {top} to {bottom}, columns {first} to {last} ({counted(part.pixels, 'pixel')})"
+    names = " and ".join(f'"{name}"' for name in part.surfaces) or "a layer of no surface"
+    if part.moved_mm is None:
+        return f"something new is seen at {part.range_mm:.0f} mm {place}, where nothing was seen"
+    away = f"{abs(part.moved_mm):.0f} mm"
+    if not part.is_new:
+        return f"{names} has gone {place}, and a surface {away} behind it is seen"
+    if part.moved_mm > 0:
+        return f"a part of {names} has gone {place}, and ranges are {away} longer"
+    return f"something new stands {away} before {names} {place}"
+
+
+def _of_effects(result: Reconciliation) -> str:
     v = result.verified
     if v.verdict == "agree":
         gap = f"the gap is {v.before.gap:.2f}, noise alone gives {v.floor.gap:.2f}"
         within = "; the rest is within --tolerance" if v.before.gap > _WIDER * v.floor.gap else ""
         noise = ", with measured noise in place of that of the model" if result.measured_noise else ""
         return f"{_TITLES['agree']}{noise}: no disagreement beyond noise and tolerance; {gap}{within}."
-    if not result.where and v.verdict == "unexplained":
+    where = [place for place in result.where if place not in result.places_of_changes]
+    if not where and v.verdict == "unexplained":
         if v.findings.few:
             return "There are too few independent samples to tell whether simulation and measurement disagree."
         return (
             "No statistic stands out beyond noise and tolerance, but effects fit the samples better than the model"
             " alone. None of them explains the difference."
         )
-    place = where_text(result.where[0], result) if result.where else "where no single statistic shows it"
+    place = where_text(where[0], result) if where else "where no single statistic shows it"
     if v.verdict == "unexplained":
-        stays = result.where[0].statistic in ("bias", "pattern")  # a smooth law of place or range has no change in time
+        stays = where[0].statistic in ("bias", "pattern")  # a smooth law of place or range has no change in time
         law = f"; a smooth function of {v.law} fits better than any of them" if v.law and stays else ""
         if v.own is not None:
             own = f"the model's own effect fits with other numbers: {in_words(v.own)}"
@@ -54,7 +86,8 @@ def headline(result: Reconciliation) -> str:
         return f"Simulation and measurement disagree most {place}. None of the known effects explains it{law}."
     effects = " and ".join(effect_text(n, result) for n in result.named)
     verb = "explain" if len(result.named) > 1 else "explains"
-    part = "it" if v.verdict == "explained" else "a part of it"
+    whole = v.verdict == "explained" or (result.changed and not v.findings.open)
+    part = "it" if whole else "a part of it"
     fall = f"the gap falls from {v.before.gap:.1f} to {v.after.gap:.1f}, noise alone gives {v.floor.gap:.1f}"
     wider = v.verdict == "explained" and not result.left and v.after.gap > _WIDER * max(v.floor.gap, 1.0)
     within = "; the rest is within --tolerance, which the errors exclude" if wider else ""

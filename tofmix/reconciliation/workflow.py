@@ -15,9 +15,9 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
 from tofmix.reconciliation.comparison.compare import Compared, Place, localise
-from tofmix.reconciliation.evidence import Evidence, make_evidence
-from tofmix.reconciliation.followers import without_others
+from tofmix.reconciliation.evidence import ChangedPart, Evidence, make_evidence
 from tofmix.reconciliation.found import Added, Ledger, Named, TriedEffect, WeighedSet
+from tofmix.reconciliation.left_out import places, without_changes, without_others
 from tofmix.reconciliation.likelihood.hidden_fits import fit_bursts
 from tofmix.reconciliation.likelihood.hidden_states import latent_states
 from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood, renamed
@@ -132,6 +132,8 @@ class Reconciliation:
         Results of the search and of the verification.
     considered : tuple of WeighedSet
         The sets of effects that were weighed: the named one first, then its aliases, then the next best.
+    changed : tuple of ChangedPart
+        Parts of a measured scene that have changed.
     is_complete : bool
         Whether the search came to its end; if not, the names are the best so far.
     next_steps : tuple of str
@@ -152,6 +154,7 @@ class Reconciliation:
     verified: Verified
     considered: tuple[WeighedSet, ...] = ()
     is_complete: bool = True
+    changed: tuple[ChangedPart, ...] = ()
     next_steps: tuple[str, ...] = ()
     suggested: tuple[tuple[int, Effect], ...] = ()
     suggested_surfaces: tuple[tuple[int, Surface], ...] = ()
@@ -184,6 +187,11 @@ class Reconciliation:
             best.setdefault(candidate.kind, candidate)
         return tuple(best.values())
 
+    @property
+    def places_of_changes(self) -> list[Place]:
+        """Those of `where` that are parts of the scene that have changed."""
+        return places(self.changed)
+
     def as_dict(self) -> dict[str, Any]:
         """The contents of `gap.json`."""
         v = self.verified
@@ -192,6 +200,7 @@ class Reconciliation:
             "noise": "measured" if self.measured_noise else "model",
             "effects": [self._effect(n) for n in self.acting(0)],
             **self._also(),
+            "changed": [part.as_dict() for part in self.changed],
             "where": [_place(p) | self._in_recording(p.recording) for p in self.where],
             "left": [_place(p) | self._in_recording(p.recording) for p in self.left],
             "candidates": [
@@ -319,7 +328,7 @@ def reconcile(
     BadInputError
         If the models' cameras differ, or one has a memory and a background.
     """
-    recordings = (without_others(model, evidence), *also) if not also else ((model, evidence), *also)
+    recordings = (without_others(*without_changes(model, evidence)),) if not also else ((model, evidence), *also)
     models = tuple(model for model, _ in recordings)
     for given in models:
         _refuse_what_no_prediction_takes(given)
@@ -332,7 +341,12 @@ def reconcile(
             verified = verify(likelihood, added, settings, own)
     where: tuple[Place, ...] = ()
     if verified.verdict != "agree":
-        where = (*far_trends(likelihood, verified.start, settings.alpha), *localise(verified.before, settings.alpha))
+        changes = places(likelihood.evidence.changed)
+        where = (
+            *changes,
+            *far_trends(likelihood, verified.start, settings.alpha),
+            *localise(verified.before, settings.alpha),
+        )
     left = tuple(localise(added.panel, settings.alpha)) if verified.verdict != "agree" else ()
     if verified.verdict == "partly_explained":
         where = (*left, *where)
@@ -347,6 +361,7 @@ def reconcile(
         verified=verified,
         considered=weighed,
         is_complete=ledger.is_complete,
+        changed=likelihood.evidence.changed,
     )
     advice = next_steps(likelihood, added, verified, found.aliases, settings)
     suggested = tuple((k, _of_model(effect, likelihood, models, k)) for k, effect in advice.suggested)

@@ -23,8 +23,11 @@ from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface, surface_along
 
-_FAR, _MOSTLY = 5.0, 0.8
-"""Sigma from every predicted surface of a sample that is of none; least share of the pixels that a plane describes."""
+_FAR = 5.0
+"""Sigma from every predicted surface of a sample that is of none."""
+
+MOSTLY = 0.8
+"""Least share of the pixels that a plane describes, and of those of a surface that is seen where it is predicted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,10 +77,10 @@ def missing_surface(view: RecordingView, model: Model, settings: Settings) -> Mi
     m = view.mixture
     if model.scene is not None or len(m.weight) > 1:  # of a measured scene, and where the model moves, another law
         return None
-    share, range_mm = _unpredicted(view)
+    share, range_mm = unpredicted(view)
     mostly = 0.5  # of a pixel's samples
     pixels = _largest((share > mostly).reshape(view.evidence.image))
-    if pixels is None or not (_else_as_predicted(view, pixels, share) and _has_edge(view, pixels)):
+    if pixels is None or not (_else_as_predicted(view, pixels, share) and has_edge(view, pixels)):
         return None
     rows, cols = (np.flatnonzero(pixels.any(axis=axis)) for axis in (1, 0))
     own = np.flatnonzero(pixels)
@@ -100,7 +103,7 @@ def missing_surface(view: RecordingView, model: Model, settings: Settings) -> Mi
     )
 
 
-def _unpredicted(view: RecordingView) -> tuple[FloatArray, FloatArray]:
+def unpredicted(view: RecordingView, reach: float = _FAR) -> tuple[FloatArray, FloatArray]:
     """Share (pixel,) of each pixel's samples in the densest place where none is predicted, and the median there, mm."""
     m, samples = view.mixture, view.evidence.samples
     noise = view.scene.model.sensor.noise_at(view.scene.model.sensor.integration_time_ms)
@@ -110,10 +113,10 @@ def _unpredicted(view: RecordingView) -> tuple[FloatArray, FloatArray]:
         seen = np.sort(samples[samples[:, pixel] > 0, pixel].astype(np.float64))
         lit = m.lit[0, :, pixel] & (m.weight[0, :, pixel] > 0)
         off = m.near_turn(seen[:, None] - m.mean[0, lit, pixel])
-        away = seen[(np.abs(off) > _FAR * m.sigma[0, lit, pixel]).all(axis=1)]
+        away = seen[(np.abs(off) > reach * m.sigma[0, lit, pixel]).all(axis=1)]
         if away.size < least:
             continue
-        wide = 2.0 * _FAR * float(noise.sigma(np.array([np.median(away)]))[0])
+        wide = 2.0 * reach * float(noise.sigma(np.array([np.median(away)]))[0])
         first = np.arange(away.size)
         last = np.searchsorted(away, away + wide, side="right")
         best = int((last - first).argmax())
@@ -139,12 +142,12 @@ def _else_as_predicted(view: RecordingView, pixels: BoolArray, share: FloatArray
     for number in np.unique(main[inside & (main >= 0)]):
         others = (main == number) & ~near
         little = 0.5  # of a pixel's samples
-        if others.sum() < LEAST_PIXELS or float((share[others] < little).mean()) < _MOSTLY:
+        if others.sum() < LEAST_PIXELS or float((share[others] < little).mean()) < MOSTLY:
             return False
     return True
 
 
-def _has_edge(view: RecordingView, pixels: BoolArray) -> bool:
+def has_edge(view: RecordingView, pixels: BoolArray) -> bool:
     """Whether ranges jump at the edge of these pixels: a bias that is smooth over the image goes on beyond."""
     m, samples = view.mixture, view.evidence.samples
     told = m.of_main(m.lit) & (samples > 0).any(axis=0)
@@ -169,7 +172,7 @@ def _rectangle(view: RecordingView, own: IntArray, share: FloatArray, range_mm: 
     if (along <= 0).any():
         return None
     fits = np.abs(range_mm[own] - 1.0 / along[own]) < _FAR * sigma
-    if float(fits.mean()) < _MOSTLY:
+    if float(fits.mean()) < MOSTLY:
         return None
     normal = plane / np.linalg.norm(plane)
     upright = 0.1  # of the sine between normal and vertical, below which the x axis is level

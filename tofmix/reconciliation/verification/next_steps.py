@@ -255,6 +255,11 @@ def _of_the_recording(likelihood: Likelihood) -> Iterator[str]:
             f"{counted(repeated, 'frame')} of {repeated + likelihood.evidence.shape[0]} repeated the frame before,"
             " sample by sample, and were left out: check the driver's frame rate."
         )
+    if likelihood.evidence.changed:
+        yield (
+            "The pixels that see the change, and those of its edge, were left out. If it is to stay, take a newer"
+            " recording as the scene."
+        )
     others = likelihood.evidence.others
     if others is not None:
         row, col = np.divmod(np.flatnonzero(others), likelihood.evidence.image[1])

@@ -168,6 +168,7 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings, own: Effect
         judged=len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1),
         law=added.law,
         faint_law=added.faint_law,
+        changed=bool(likelihood.evidence.changed),
         own=own,
         bound=any(c.at_a_bound for c in added.chosen),
         echo=_echoes(likelihood, added.state, settings),
