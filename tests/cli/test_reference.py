@@ -11,6 +11,8 @@ from support.commandline import Tofmix
 
 import tofmix as tm
 from tofmix.errors import BadInputError
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import beam_directions_of
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 
@@ -212,3 +214,32 @@ def test_reference_without_a_whole_surface_is_compared(tofmix: Tofmix, tmp_path:
     gap = json.loads((tmp_path / "gap" / "gap.json").read_text())
     assert gap["where"][0]["statistic"] in ("bias", "trend", "pattern")
     assert "verdict      agree" not in shown.out
+
+
+@pytest.mark.slow
+@pytest.mark.compiled("it reconciles recordings")
+def test_a_new_box_is_told_and_an_offset_beside_it_is_named(tofmix: Tofmix, tmp_path: Path) -> None:
+    rng, shape = np.random.default_rng(5), (12, 16)
+    view = Equiangular(fov_horizontal_deg=40.0, fov_vertical_deg=30.0)
+    slope = 1.0 / beam_directions_of(view, shape)[..., 2]  # of ranges to a plane that faces the camera
+    box = np.zeros(shape, dtype=np.bool_)
+    box[3:7, 5:10] = True
+    for name, ahead_mm, offset_mm in (("first", 2000.0, 0.0), ("box", 1500.0, 0.0), ("offset", 1500.0, 6.0)):
+        samples = np.where(box, ahead_mm, 2000.0) * slope + offset_mm + rng.normal(0.0, 5.0, (60, *shape))
+        recording = tm.from_array(samples, units="mm", fov_deg=(40.0, 30.0), time_s=np.arange(60) / 20.0)
+        recording.save(tmp_path / f"{name}.h5")
+    said = {}
+    for name in ("box", "offset"):
+        shown = tofmix("reconcile", tmp_path / "first.h5", tmp_path / f"{name}.h5", "-o", tmp_path / name, "--quiet")
+        assert "The scene has changed: something new stands" in shown.out
+        said[name] = json.loads((tmp_path / name / "gap.json").read_text(encoding="utf-8"))
+        (part,) = said[name]["changed"]
+        assert (part["change"], part["surfaces"], part["rows"], part["cols"]) == ("new", ["surface 0"], [3, 6], [5, 9])
+        assert ("col", [5, 9]) in [(place["axis"], place["interval"]) for place in said[name]["where"]]
+        assert tofmix("verify", tmp_path / name).code == 0
+    assert (said["box"]["verdict"], said["box"]["effects"]) == ("unexplained", [])
+    assert said["offset"]["verdict"] == "partly_explained"
+    (effect,) = said["offset"]["effects"]
+    (name,) = effect["stderr"]  # of a wall that faces the camera, an offset is an alias of a pose
+    assert (effect["kind"], name) in (("range_offset", "offset_mm"), ("surface_pose", "shift_mm"))
+    assert abs(effect["parameters"][name] - 6.0) < 3 * effect["stderr"][name]

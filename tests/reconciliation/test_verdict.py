@@ -122,6 +122,21 @@ def test_evidence_against_an_effect_gives_unexplained(against: dict[str, object]
     assert judge(replace(found, **against)) == "unexplained"  # type: ignore[arg-type]
 
 
+def test_a_faint_law_and_a_part_of_the_scene_that_has_changed_leave_a_name_and_no_agreement() -> None:
+    found = findings(panel(bias=2.0), panel(), chosen())
+    assert judge(replace(found, law="range", faint_law=True)) == "partly_explained"
+    assert judge(replace(found, changed=True)) == "partly_explained"
+    assert judge(replace(findings(panel(), panel()), changed=True)) == "unexplained"
+
+
+def test_refused_has_the_memory_of_an_echo_and_the_pattern_of_a_shape() -> None:
+    memory, pattern = chosen("temporal_correlation", coefficient=0.3), chosen("fixed_pattern", pixel_sigma_mm=3.0)
+    found = findings(panel(bias=2.0), panel(), chosen(), memory, pattern)
+    assert found.refused == ()
+    assert replace(found, echo=True).refused == (1,)
+    assert replace(found, echo=True, shaped=True).refused == (1, 2)
+
+
 def test_remaining_change_in_time_gives_partly_explained() -> None:
     found = findings(panel(bias=2.0), panel(), chosen())
     assert judge(replace(found, in_time=True)) == "partly_explained"

@@ -206,7 +206,7 @@ def _speeds(view: RecordingView, facts: SearchFacts) -> FloatArray:
 
 
 def _log_density(view: RecordingView, pixels: BoolArray, way_mm: FloatArray) -> FloatArray:
-    """Log density (frame, pixel) of the samples of some pixels whose surface goes a way, uneven or not; 0 if invalid."""
+    """Log density (frame, pixel) of samples of pixels whose surface goes a way, uneven or not; 0 if invalid."""
     m, rare = view.mixture, 0.01  # share of random values
     samples = view.evidence.samples[:, pixels].astype(np.float64)
     mean, sigma = m.of_main(m.mean)[pixels], m.of_main(m.sigma)[pixels]
