@@ -256,10 +256,24 @@ def test_rounding_of_stored_values_is_that_of_their_inverse() -> None:
     rounding = np.random.default_rng(3).uniform(-0.5, 0.5, (20_000, 3)).astype(np.float32)
     found = ExponentialAverage(0.1).independent(rounding, 0)
     assert np.nanstd(found) == pytest.approx(ExponentialAverage(0.1).rounding_mm(1.0), rel=0.02)
-    samples = _two_surfaces(103, 0.0)
-    means = _means(samples, 4)
-    exact, rounded = (RunningMean(4.0).independent(m.astype(np.float32), 0) for m in (means, np.rint(means)))
-    assert (rounded - exact).std() == pytest.approx(RunningMean(4.0).rounding_mm(1.0), rel=0.3)
+
+
+@pytest.mark.parametrize("sep_mm", [0.0, 300.0])
+@pytest.mark.parametrize(("window", "sigma_mm"), [(2, 1.5), (3, 3.0), (8, 4.0)])
+def test_samples_of_rounded_means_have_the_noise_of_samples(window: int, sigma_mm: float, sep_mm: float) -> None:
+    rng = np.random.default_rng(8)
+    place = np.where(rng.random((99 + window, 200)) < 0.4, sep_mm, 0.0) + np.linspace(2000.0, 2001.0, 200)
+    means = np.rint(_means(place + rng.normal(0.0, sigma_mm, place.shape), window)).astype(np.float32)
+    found = RunningMean(float(window)).likeliest(means)
+    noise = found - place[window - 1 :]
+    noise = noise[:, np.abs(noise).max(axis=0) < 8.0 * sigma_mm]  # no sample is of another surface
+    assert noise.shape[1] > 190
+    noise -= noise.mean(axis=0)
+    assert np.median(noise.std(axis=0)) == pytest.approx(sigma_mm, rel=0.08)
+    assert (noise**4).mean() / (noise**2).mean() ** 2 == pytest.approx(3.0, abs=0.4)
+    assert abs((noise[1:] * noise[:-1]).mean() / noise.var()) < 0.08
+    chain = found[::window, 0]
+    assert len(np.unique(np.round(np.diff(np.sort(chain)), 3))) > 0.7 * (len(chain) - 1)  # on no step
 
 
 @pytest.mark.parametrize("window", [3, 5, 7])

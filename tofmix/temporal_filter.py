@@ -35,9 +35,12 @@ class TemporalFilter(Protocol):
         Its number in files.
     keeps_values : bool
         Whether independent samples are stored values, and need no other frame.
+    blends : bool
+        Whether a stored range is of several samples.
     """
 
     keeps_values: ClassVar[bool]
+    blends: ClassVar[bool]
 
     @property
     def kind(self) -> str:
@@ -46,6 +49,14 @@ class TemporalFilter(Protocol):
     @property
     def parameter(self) -> float:
         """Its number in files."""
+
+    @property
+    def further(self) -> dict[str, float]:
+        """Its other numbers in files, by the names that `make_filter` gives them."""
+
+    @property
+    def median(self) -> "RunningMedian | ApartMedians | None":
+        """The median whose samples `independent` gives; None where those before any filter are given."""
 
     def spans(self, first: int, last: int, frames: int) -> list[slice]:
         """Stored frames of a recording of `frames` that have the samples of frames `first` to `last` - 1.
@@ -64,6 +75,9 @@ class TemporalFilter(Protocol):
 
     def for_noise(self) -> "TemporalFilter":
         """The filter by which noise is learnt: its samples have no memory, and may be fewer."""
+
+    def frames_apart(self) -> int:
+        """Frames from one stored range to the next that shares nothing with it, or next to nothing."""
 
     def worth(self, frames: int) -> int:
         """Independent frames of the stored ranges' spread that tell as much as `frames` stored ones."""
@@ -96,6 +110,7 @@ class ExponentialAverage:
     threshold_mm: float = math.inf
     kind: ClassVar[str] = "exponential_average"
     keeps_values: ClassVar[bool] = False
+    blends: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if not 0 < self.parameter < 1:
@@ -112,6 +127,16 @@ class ExponentialAverage:
     def edge_mm(self) -> float:
         """Length of a step y_t - y_(t-1) from which on it is a jump: amid a d and d, rounding changes it least."""
         return math.sqrt(self.parameter) * self.threshold_mm
+
+    @property
+    def further(self) -> dict[str, float]:
+        """The jump that is taken at once."""
+        return {"threshold_mm": self.threshold_mm} if self.resets else {}
+
+    @property
+    def median(self) -> None:
+        """No median."""
+        return None
 
     def spans(self, first: int, last: int, frames: int) -> list[slice]:  # noqa: ARG002  it does not matter
         """The frames themselves and the one before."""
@@ -134,6 +159,10 @@ class ExponentialAverage:
         """Sd that a step of the stored ranges adds to independent samples: their inverse enlarges its rounding."""
         return step_mm / math.sqrt(12.0) * math.hypot(1.0, 1.0 - self.parameter) / self.parameter
 
+    def frames_apart(self) -> int:
+        """Frames in which the share of an older sample falls to next to nothing."""
+        return _frames_to_forget(1.0 - self.parameter)
+
     def worth(self, frames: int) -> int:
         """The variance of a mean of AR(1) noise is (2 - a) / a times that of independent samples."""
         return max(1, round(frames * self.parameter / (2.0 - self.parameter)))
@@ -142,6 +171,12 @@ class ExponentialAverage:
         """The filter in a few words."""
         at_once = f", jumps of more than {self.threshold_mm:.3g} mm at once" if self.resets else ""
         return f"exponential average, {self.parameter:.3g} of the new sample{at_once}"
+
+
+def _frames_to_forget(kept: float) -> int:
+    """Frames in which a correlation that falls by a factor a frame is next to nothing."""
+    least = 0.05  # a correlation that is next to nothing
+    return max(2, math.ceil(math.log(least) / math.log(kept)))
 
 
 def _check_window(window: float, what: str) -> None:
@@ -173,6 +208,7 @@ class RunningMedian:
     parameter: float
     kind: ClassVar[str] = "running_median"
     keeps_values: ClassVar[bool] = False
+    blends: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         _check_window(self.parameter, "a median")
@@ -186,6 +222,16 @@ class RunningMedian:
     def window(self) -> int:
         """Frames of a median."""
         return int(self.parameter)
+
+    @property
+    def further(self) -> dict[str, float]:
+        """No other number."""
+        return {}
+
+    @property
+    def median(self) -> Self:
+        """The filter itself."""
+        return self
 
     def spans(self, first: int, last: int, frames: int) -> list[slice]:  # noqa: ARG002  it does not matter
         """The frames themselves and m - 1 before."""
@@ -205,6 +251,10 @@ class RunningMedian:
     def for_noise(self) -> TemporalFilter:
         """One median of each m, of no common sample: seen samples have a memory."""
         return ApartMedians(self.parameter)
+
+    def frames_apart(self) -> int:
+        """Its window."""
+        return max(2, math.ceil(self.parameter))
 
     def worth(self, frames: int) -> int:
         """Samples that are seen in so many frames."""
@@ -323,6 +373,12 @@ def _moments(median: "RunningMedian | ApartMedians", below: float, above: float)
     return mean, math.sqrt(float((weight * (z - mean) ** 2).sum() / weight.sum()))
 
 
+@lru_cache(maxsize=1)
+def _normal_values() -> FloatArray:
+    """Standard normal values, from which samples of rounded means are drawn."""
+    return np.random.default_rng(_SEED).standard_normal(20_011)  # a prime: no place repeats soon
+
+
 @dataclass(frozen=True, slots=True)
 class ApartMedians:
     """One median of each m, whose noise is that of the median of m independent samples (`RunningMedian.for_noise`).
@@ -338,6 +394,17 @@ class ApartMedians:
     parameter: float
     kind: ClassVar[str] = "apart_medians"
     keeps_values: ClassVar[bool] = True
+    blends: ClassVar[bool] = True
+
+    @property
+    def further(self) -> dict[str, float]:
+        """No other number."""
+        return {}
+
+    @property
+    def median(self) -> Self:
+        """The filter itself."""
+        return self
 
     def spans(self, first: int, last: int, frames: int) -> list[slice]:  # noqa: ARG002  it does not matter
         """The frames themselves."""
@@ -357,6 +424,10 @@ class ApartMedians:
     def for_noise(self) -> Self:
         """Noise is learnt from the same samples."""
         return self
+
+    def frames_apart(self) -> int:
+        """Its window."""
+        return max(2, math.ceil(self.parameter))
 
     def worth(self, frames: int) -> int:
         """Frames without a common sample."""
@@ -397,8 +468,8 @@ class RunningMean:
     """y_t is the mean of the last m samples: x_t = x_(t-m) + m (y_t - y_(t-1)).
 
     The m - 1 samples that the first ones follow from are those with which all have the same density
-    (`tofmix.compiled.running_mean`). They are sought in each span of frames by itself, so that the rounding of y does
-    not add up.
+    (`tofmix.compiled.running_mean`). They are sought in each span of frames by itself, so that the rounding of y adds
+    up over few frames; what it leaves unknown is drawn, from the same values for the same means.
 
     Parameters
     ----------
@@ -414,6 +485,7 @@ class RunningMean:
     parameter: float
     kind: ClassVar[str] = "running_mean"
     keeps_values: ClassVar[bool] = False
+    blends: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         _check_window(self.parameter, "a mean")
@@ -422,6 +494,16 @@ class RunningMean:
     def window(self) -> int:
         """Frames of a mean."""
         return int(self.parameter)
+
+    @property
+    def further(self) -> dict[str, float]:
+        """No other number."""
+        return {}
+
+    @property
+    def median(self) -> None:
+        """No median."""
+        return None
 
     def spans(self, first: int, last: int, frames: int) -> list[slice]:
         """Spans of equal length, about `SPAN_FRAMES` or so many windows."""
@@ -437,15 +519,23 @@ class RunningMean:
 
         frames, *image = stored_mm.shape
         means = np.ascontiguousarray(stored_mm.reshape(frames, -1).T, dtype=np.float64)
-        return samples_of_means(means, self.window, only_sure).T.astype(np.float32).reshape(frames, *image)
+        return (
+            samples_of_means(means, self.window, only_sure, _normal_values())
+            .T.astype(np.float32)
+            .reshape(frames, *image)
+        )
 
-    def rounding_mm(self, step_mm: float) -> float:
-        """A chain of n differences ends off by m sqrt(n / 6) steps; less its mean, by sqrt(1 / 6) of that."""
-        return self.window * step_mm * math.sqrt(max(SPAN_FRAMES / self.window, _SPAN_WINDOWS) / 36.0)
+    def rounding_mm(self, step_mm: float) -> float:  # noqa: ARG002  their rounding is integrated out
+        """None: samples of rounded means are drawn with the noise of samples."""
+        return 0.0
 
     def for_noise(self) -> TemporalFilter:
         """Noise is learnt from the same samples."""
         return self
+
+    def frames_apart(self) -> int:
+        """Its window."""
+        return max(2, math.ceil(self.parameter))
 
     def worth(self, frames: int) -> int:
         """Frames without a common sample."""
@@ -476,6 +566,7 @@ class AveragedMedians:
     average: ExponentialAverage | RunningMean
     window: int
     keeps_values: ClassVar[bool] = False
+    blends: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         RunningMedian(float(self.window))  # refuses others
@@ -491,9 +582,14 @@ class AveragedMedians:
         return self.average.parameter
 
     @property
-    def medians(self) -> ApartMedians:
+    def median(self) -> ApartMedians:
         """The medians that are taken."""
         return ApartMedians(float(self.window))
+
+    @property
+    def further(self) -> dict[str, float]:
+        """Those of the average, and the window of the median."""
+        return self.average.further | {"median": float(self.window)}
 
     def spans(self, first: int, last: int, frames: int) -> list[slice]:
         """Those of the average."""
@@ -501,7 +597,7 @@ class AveragedMedians:
 
     def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:
         """One median of each m, by the inverse of the average."""
-        return self.medians.independent(self.average.independent(stored_mm, first), first)
+        return self.median.independent(self.average.independent(stored_mm, first), first)
 
     def rounding_mm(self, step_mm: float) -> float:
         """That of the average."""
@@ -510,6 +606,10 @@ class AveragedMedians:
     def for_noise(self) -> TemporalFilter:
         """Noise is learnt from the same samples."""
         return self
+
+    def frames_apart(self) -> int:
+        """Those of the average, and of the samples of a median."""
+        return self.average.frames_apart() + self.window - 1
 
     def worth(self, frames: int) -> int:
         """Medians without a common sample."""
@@ -543,10 +643,21 @@ class HeldValues:
     parameter: float
     kind: ClassVar[str] = "held_values"
     keeps_values: ClassVar[bool] = True
+    blends: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if not 0 < self.parameter < 1:
             raise ValueError(f"temporal filter: the share of held values, {self.parameter:g}, is not in (0, 1)")
+
+    @property
+    def further(self) -> dict[str, float]:
+        """No other number."""
+        return {}
+
+    @property
+    def median(self) -> None:
+        """No median."""
+        return None
 
     def spans(self, first: int, last: int, frames: int) -> list[slice]:
         """Spans of equal length, about `SPAN_FRAMES`: the same for any frames that are read."""
@@ -583,6 +694,10 @@ class HeldValues:
     def for_noise(self) -> TemporalFilter:
         """Noise is learnt from the same samples."""
         return self
+
+    def frames_apart(self) -> int:
+        """Frames in which the share of an older sample falls to next to nothing."""
+        return _frames_to_forget(self.parameter)
 
     def worth(self, frames: int) -> int:
         """New samples in so many frames."""

@@ -399,6 +399,21 @@ def test_mixed_pixels_of_a_running_mean_have_their_two_layers(window: int) -> No
     assert np.sqrt(np.mean(off**2)) < 1.3
 
 
+@pytest.mark.parametrize("median", [False, True])
+def test_means_in_whole_mm_of_fine_noise_have_no_further_layers(median: bool) -> None:
+    scene, sigma_mm = Scene(SHAPE, 21), 3.0
+    place = np.where(scene.rng.random((FRAMES + 8, *SHAPE)) < scene.share, scene.near_mm, scene.near_mm + 200.0)
+    samples = place + scene.rng.normal(0.0, sigma_mm, place.shape)
+    ranges = stored(over_windows(over_windows(samples, 3, median=True) if median else samples, 3, median=False), FRAMES)
+    with pytest.warns(DoubtWarning, match="median of 3, then mean of 3" if median else r"\(mean of 3\)"):
+        found = tofmix.estimate(tofmix.from_array(ranges, units="mm"), noise="auto", workers=2)
+    mixed, sure = scene.mixed, (found.probability[0] > 0.5).sum(axis=-1)
+    assert (sure[mixed] > 2).mean() <= 0.02
+    assert (sure[mixed] == 2).mean() > 0.9
+    assert (sure[~mixed] > 1).mean() <= 0.02
+    assert np.nanmedian(found.sigma[0][~mixed][:, 0]) == pytest.approx(sigma_mm, rel=0.2 if median else 0.08)
+
+
 def test_mixed_pixels_of_few_windows_of_a_mean_have_no_layer() -> None:
     scene = Scene(SHAPE, 11)
     ranges = stored(over_windows(scene.draw(40), 8, median=False), 40)

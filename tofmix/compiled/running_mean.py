@@ -4,6 +4,10 @@ m (y_t - y_(t-1)) = x_t - x_(t-m), so the samples of each *chain*, the frames t,
 one common offset, and any m consecutive samples have the mean y. The m - 1 unknown offsets are those that give all
 chains the same density: every chain has samples of the same surfaces. They maximise the likelihood of each chain's
 samples under a kernel density of the others', whose width is the noise of a sample.
+
+Stored means are rounded: the errors of their differences add up along a chain, and its samples are whole multiples of m
+steps apart. With the surfaces given, samples and rounding are Gaussian. Samples are drawn from their posterior, so that
+they have the noise of samples.
 """
 
 import math
@@ -20,11 +24,12 @@ _NARROW = 0.5  # of the noise that differences give
 
 
 @jit
-def samples_of_means(means: FloatArray, window: int, only_sure: bool) -> FloatArray:
+def samples_of_means(means: FloatArray, window: int, only_sure: bool, normal: FloatArray) -> FloatArray:
     """Samples (pixel, frame) of running means (pixel, frame) over `window` frames; NaN where they are not known.
 
     A run of valid means is solved by itself. It is unknown if it is short, and with `only_sure` if its samples are more
-    probably others.
+    probably others. `normal` (n,) are standard normal values, from which rounded samples are drawn: those from a place
+    on that the means give.
     """
     pixels, frames = means.shape
     out = np.full((pixels, frames), np.nan)
@@ -34,13 +39,13 @@ def samples_of_means(means: FloatArray, window: int, only_sure: bool) -> FloatAr
         for t in range(frames + 1):
             if t == frames or not math.isfinite(means[pixel, t]):
                 if t - first >= least_windows * window:
-                    _solve(means[pixel, first:t], window, out[pixel, first:t], only_sure)
+                    _solve(means[pixel, first:t], window, out[pixel, first:t], only_sure, normal)
                 first = t + 1
     return out
 
 
 @jit
-def _solve(means: FloatArray, m: int, out: FloatArray, only_sure: bool) -> None:
+def _solve(means: FloatArray, m: int, out: FloatArray, only_sure: bool, normal: FloatArray) -> None:
     """Fill `out` with the samples of a run of means."""
     n = len(means)
     for t in range(n):
@@ -49,7 +54,14 @@ def _solve(means: FloatArray, m: int, out: FloatArray, only_sure: bool) -> None:
     for t in range(m, n):
         changes[t - m] = out[t] - out[t - m]
     sigma = _noise(changes)
+    rounding = m * _step(means) / math.sqrt(12.0)  # sd of m times the rounding of a mean
+    least_part = 0.1  # of the step of samples: no less noise is told
+    own = math.sqrt(max(sigma * sigma - rounding * rounding, 12.0 * (least_part * rounding) ** 2))
+    added = rounding * math.sqrt(n / (3.0 * m))  # sd of rounding that has added up, less the mean of a chain
+    matters = added > least_part * sigma
     if sigma > 0.0:
+        if matters:
+            sigma = math.hypot(own, added)
         # Changes between near surfaces look like noise: the width of the kernels is the one of higher likelihood.
         noise, narrow = sigma, out.copy()
         probability, likelihood = _align(out, m, sigma)
@@ -75,6 +87,8 @@ def _solve(means: FloatArray, m: int, out: FloatArray, only_sure: bool) -> None:
     shift = means[m - 1] - total / m
     for t in range(n):
         out[t] += shift
+    if matters:
+        _draw(means, m, out, own, max(sigma, own), rounding, normal)
 
 
 @jit
@@ -93,7 +107,7 @@ def _noise(changes: FloatArray) -> float:
         if value > 0.0:
             least = value
             break
-    sigma, share = max(0.5 * size[n // 8] / 0.1573, 0.4 * least), 0.7
+    sigma, share = max(0.5 * size[n // 8] / 0.1573, least), 0.7
     em_steps = 20  # at most
     for _ in range(em_steps):
         weight, square = 0.0, 0.0
@@ -294,3 +308,132 @@ def _refine(out: FloatArray, m: int, sigma: float) -> None:
             out[t] += moves[t % m]
         if most < 0.01 * sigma:
             break
+
+
+@jit
+def _step(means: FloatArray) -> float:
+    """Step of stored means: the least difference of two in turn, if other small ones are its multiples; else 0."""
+    resolution = 5e-7 * np.abs(means).max()  # four units of float32
+    least = np.inf
+    for t in range(1, len(means)):
+        size = abs(means[t] - means[t - 1])
+        if resolution < size < least:
+            least = size
+    if not math.isfinite(least):
+        return 0.0
+    tests, multiples, small, near = 0, 0, 10.0, 0.1  # steps of a small difference; of one that is a multiple
+    for t in range(1, len(means)):
+        steps = abs(means[t] - means[t - 1]) / least
+        if steps < small:
+            tests += 1
+            multiples += abs(steps - round(steps)) < near
+    agreeing = 0.9
+    return least if multiples > agreeing * tests else 0.0
+
+
+@jit
+def _draw(
+    means: FloatArray, m: int, out: FloatArray, own: float, sigma: float, rounding: float, normal: FloatArray
+) -> None:
+    """Draw the samples of a run of rounded means, near those that are given, of some noise (`own`) about surfaces.
+
+    `sigma` is the noise of the given samples, which their rounding adds to. Each chain keeps its likeliest mean. The
+    noise is the likeliest, by expectation-maximisation.
+    """
+    n = len(out)
+    surface, found, error, sums = np.empty(n), np.empty(n), np.empty(n), m * means
+    near = 2.0 * sigma
+    noises, rounds = 4, 4  # of the noise; of surfaces and samples in turn
+    for _ in range(noises):
+        factor = _factor(n, m, own, rounding)
+        for _ in range(rounds):
+            _fill_surfaces(out, near, surface)
+            _fill_likeliest(factor, m, surface, sums, own, rounding, found)
+            out[:] = found
+            near = max(own, 0.7 * near)
+        _fill_errors(means, m, own, rounding, factor, normal, error)
+        own = math.sqrt(((out - surface) ** 2).mean() + (error * error).mean())
+    for c in range(m):
+        out[c::m] += error[c::m] - error[c::m].mean()
+
+
+@jit
+def _fill_errors(
+    means: FloatArray, m: int, own: float, rounding: float, factor: FloatArray, normal: FloatArray, out: FloatArray
+) -> None:
+    """Fill errors of the likeliest samples: drawn samples less the likeliest ones of their rounded means.
+
+    Added to the likeliest samples they make a draw from the posterior (Papandreou and Yuille 2010).
+    """
+    n, size = len(means), len(normal)
+    place = int(abs(means.sum() * 0.6180339887) % 1.0 * size)
+    drawn, sums = np.empty(n), np.zeros(n)
+    for t in range(n):
+        drawn[t] = own * normal[(place + t) % size]
+    for t in range(m - 1, n):
+        sums[t] = drawn[t - m + 1 : t + 1].sum() + rounding * normal[(place + n + t) % size]
+    _fill_likeliest(factor, m, np.zeros(n), sums, own, rounding, out)
+    out[:] = drawn - out
+
+
+@jit
+def _factor(n: int, m: int, own: float, rounding: float) -> FloatArray:
+    """Cholesky factor (frame, m) of the precision of samples: own noise, and sums of m of them with their rounding.
+
+    Element [i, k] is that of row i and column i - k.
+    """
+    out = np.zeros((n, m))
+    for i in range(n):
+        for k in range(min(m, i + 1)):
+            windows = min(i - k + m, n) - max(i, m - 1)  # that have both samples
+            out[i, k] = max(windows, 0) / rounding**2
+        out[i, 0] += 1.0 / own**2
+    for i in range(n):
+        for k in range(min(m - 1, i), -1, -1):
+            j = i - k
+            value = out[i, k]
+            for other in range(max(0, i - m + 1), j):
+                value -= out[i, i - other] * out[j, j - other]
+            out[i, k] = math.sqrt(value) if k == 0 else value / out[j, 0]
+    return out
+
+
+@jit
+def _fill_likeliest(
+    factor: FloatArray, m: int, surface: FloatArray, sums: FloatArray, own: float, rounding: float, out: FloatArray
+) -> None:
+    """Fill the likeliest samples, given the surface of each, and the rounded sums of m of them."""
+    n = len(out)
+    for t in range(n):
+        total = 0.0
+        for s in range(max(t, m - 1), min(t + m, n)):
+            total += sums[s]
+        out[t] = surface[t] / own**2 + total / rounding**2
+    for i in range(n):
+        for k in range(1, min(m, i + 1)):
+            out[i] -= factor[i, k] * out[i - k]
+        out[i] /= factor[i, 0]
+    for i in range(n - 1, -1, -1):
+        for k in range(1, min(m, n - i)):
+            out[i] -= factor[i + k, k] * out[i + k]
+        out[i] /= factor[i, 0]
+
+
+@jit
+def _fill_surfaces(samples: FloatArray, sigma: float, out: FloatArray) -> None:
+    """Fill the surface of each sample: the mean of all samples near it, then of those near that mean, and so on."""
+    n = len(samples)
+    steps = 8  # of the mean
+    near = 2.5  # sigmas around a mean
+    ordered = np.sort(samples)
+    upto = np.zeros(n + 1)
+    for j in range(n):
+        upto[j + 1] = upto[j] + ordered[j]
+    for t in range(n):
+        at = samples[t]
+        for _ in range(steps):
+            a = np.searchsorted(ordered, at - near * sigma, side="left")
+            b = np.searchsorted(ordered, at + near * sigma, side="right")
+            if b > a:
+                at = (upto[b] - upto[a]) / (b - a)
+        out[t] = at

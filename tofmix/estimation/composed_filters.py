@@ -129,7 +129,7 @@ def _trials(
     for share in np.geomspace(0.05, 0.9, 43).tolist():
         averages.append(ExponentialAverage(share))
         averages += [ExponentialAverage(share, threshold_mm) for threshold_mm in _jumps_between(share, samples)]
-    fits = [_fit(average, calm, windows) for average in averages]
+    fits = [_fit(average, calm, windows, samples.step_mm) for average in averages]
     least = dict.fromkeys(windows, tolerance)  # least difference of the correlations, by median
     for fit in fits:
         least[fit.trial.median] = min(least[fit.trial.median], fit.off)
@@ -151,16 +151,24 @@ class _Fit(NamedTuple):
     off: float
 
 
-def _fit(average: ExponentialAverage | RunningMean, calm: FloatArray, windows: tuple[int, ...]) -> _Fit:
+def _fit(average: ExponentialAverage | RunningMean, calm: FloatArray, windows: tuple[int, ...], step_mm: float) -> _Fit:
     """The median before an average that suits the correlations of calm pixels (pixel, frame) best."""
     undone = _undone(average, calm)
     undone = undone[np.isfinite(undone).all(axis=1)]
     if not len(undone):
         return _Fit(Trial(average, 1), math.inf)
     seen = _correlations(undone)
-    off = {window: float(np.abs(seen - _correlations_of_medians(window, 1, calm.shape[1])).max()) for window in windows}
+    steps = _two_digits(step_mm / max(float(np.median(calm.std(axis=1))), 1e-9))  # per sd of stored ranges
+    off = {
+        window: float(np.abs(seen - _correlations_of_undone(average, window, calm.shape[1], steps)).max())
+        for window in windows
+    }
     window = min(off, key=off.__getitem__)
     return _Fit(Trial(average, window), off[window])
+
+
+def _two_digits(value: float) -> float:
+    return float(f"{value:.1e}")
 
 
 def _jumps_between(share: float, samples: Samples) -> list[float]:
@@ -199,9 +207,41 @@ def _correlations(samples: FloatArray) -> FloatArray:
 @lru_cache(maxsize=128)
 def _correlations_of_medians(median: int, mean: int, frames: int) -> FloatArray:
     """The same of independent samples behind a running median, then a running mean."""
+    return _correlations(_drawn(median, mean, frames))
+
+
+@lru_cache(maxsize=512)
+def _correlations_of_undone(
+    average: ExponentialAverage | RunningMean, median: int, frames: int, steps: float
+) -> FloatArray:
+    """The same of running medians behind an average that is stored on steps, in its sds, and undone.
+
+    Rounding is enlarged by the inverse: of an exponential average, where it takes no jump, by 1 / a and (1 - a) / a.
+    """
+    medians = _correlations_of_medians(median, 1, frames)
+    if isinstance(average, RunningMean):
+        fine, few = 0.05, 100  # a step that changes no correlation by more than 0.04; pixels
+        if steps < fine:
+            return medians
+        means = _drawn(median, average.window, frames)[:few]
+        width = steps * means.std()
+        return _correlations(_undone(average, np.rint(means / width) * width))
+    kept = 1.0 - average.parameter
+    every = np.concatenate([[1.0], medians])
+    lags = np.arange(len(every))
+    spread = every @ (np.where(lags, 2.0, 1.0) * kept**lags)  # of the average, over that of medians, by a / (2 - a)
+    unit = steps**2 / 12.0 * spread * average.parameter / (2.0 - average.parameter) / average.parameter**2
+    whole = 1.0 + unit * (1.0 + kept**2)
+    out = medians / whole
+    out[0] -= unit * kept / whole
+    return np.asarray(out)
+
+
+def _drawn(median: int, mean: int, frames: int) -> FloatArray:
+    """Independent samples (pixel, frame) behind a running median, then a running mean."""
     drawn = np.random.default_rng(20080922).standard_normal((400, frames + median + mean - 2))
     medians = np.median(np.lib.stride_tricks.sliding_window_view(drawn, median, axis=1), axis=-1)
-    return _correlations(np.lib.stride_tricks.sliding_window_view(medians, mean, axis=1).mean(axis=-1))
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(medians, mean, axis=1).mean(axis=-1))
 
 
 def _explained(trial: Trial, samples: Samples) -> FloatArray:

@@ -35,7 +35,6 @@ from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import Sensor
 from tofmix.temporal_filter import (
     ApartMedians,
-    AveragedMedians,
     ExponentialAverage,
     HeldValues,
     RunningMean,
@@ -50,10 +49,8 @@ def layers_before_filter(layers: Layers, sensor: Sensor) -> None:
     Medians: shares and ranges become those of the samples (`RunningMedian`).
     """
     found = sensor.temporal_filter
-    if isinstance(found, RunningMedian):
-        _before_median(layers, sensor, found)
-    elif isinstance(found, AveragedMedians):
-        _before_median(layers, sensor, found.medians)
+    if found is not None and found.median is not None:
+        _before_median(layers, sensor, found.median)
 
 
 def _before_median(layers: Layers, sensor: Sensor, median: RunningMedian | ApartMedians) -> None:

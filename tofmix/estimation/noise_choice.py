@@ -32,7 +32,7 @@ from tofmix.recording import (
     samples_a_frame,
 )
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.temporal_filter import ApartMedians, AveragedMedians, RunningMedian
+from tofmix.temporal_filter import ApartMedians
 
 T = TypeVar("T")
 
@@ -277,9 +277,10 @@ class _Chooser:
         A curve that is asked for is that of samples before it.
         """
         found, asked = sensor.temporal_filter, self.request.asked and self.request.noise != AUTO
-        if not isinstance(found, (RunningMedian, AveragedMedians)) or sensor.noise is None or asked:
+        median = None if found is None else found.median
+        if median is None or sensor.noise is None or asked:
             return sensor
-        return replace(sensor, noise=sensor.noise.scaled(1.0 / ApartMedians(float(found.window)).sd()))
+        return replace(sensor, noise=sensor.noise.scaled(1.0 / ApartMedians(median.parameter).sd()))
 
     def _check_circle(self, sensor: Sensor) -> None:
         """Refuse a circle that is too short for the noise."""

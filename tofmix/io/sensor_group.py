@@ -24,7 +24,7 @@ from tofmix.optics.projection import (
 from tofmix.recording import MOST_PIXELS_A_SIDE
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.sensor_schema import RARE_SENSOR_NUMBERS, SENSOR_NUMBERS, measurement_of, share_law_of
-from tofmix.temporal_filter import AveragedMedians, ExponentialAverage, TemporalFilter, make_filter
+from tofmix.temporal_filter import TemporalFilter, make_filter
 
 T = TypeVar("T")
 
@@ -61,7 +61,7 @@ _PRIOR: _Table = {"noise_background_prior": ("background", "1", None)}
 _MEMORY, _WIDTH_SPREAD = "noise_memory", "noise_width_spread"
 _BACKGROUND, _STEP = "noise_background", "range_step_mm"
 _FILTER, _FILTER_PARAMETER = "temporal_filter", "temporal_filter_parameter"
-_FILTER_THRESHOLD, _FILTER_MEDIAN = "temporal_filter_threshold_mm", "temporal_filter_median"
+_FILTER_FURTHER = {"threshold_mm": "temporal_filter_threshold_mm", "median": "temporal_filter_median"}
 _MOST_OF_IMAGE = MOST_PIXELS_A_SIDE**2
 
 
@@ -133,11 +133,8 @@ def _write_samples(group: h5py.Group, sensor: Sensor) -> None:
 def _write_filter(group: h5py.Group, found: TemporalFilter) -> None:
     group.attrs[_FILTER] = found.kind
     group.attrs[_FILTER_PARAMETER] = float(found.parameter)
-    average = found.average if isinstance(found, AveragedMedians) else found
-    if isinstance(found, AveragedMedians):
-        group.attrs[_FILTER_MEDIAN] = float(found.window)
-    if isinstance(average, ExponentialAverage) and average.resets:
-        group.attrs[_FILTER_THRESHOLD] = float(average.threshold_mm)
+    for key, value in found.further.items():
+        group.attrs[_FILTER_FURTHER[key]] = float(value)
 
 
 def _read_filter(group: h5py.Group, kind: str | None, path: Path) -> TemporalFilter | None:
@@ -146,8 +143,7 @@ def _read_filter(group: h5py.Group, kind: str | None, path: Path) -> TemporalFil
     return make_filter(
         kind,
         _number(group, _FILTER_PARAMETER, path) or 0.0,
-        threshold_mm=_number(group, _FILTER_THRESHOLD, path),
-        median=_number(group, _FILTER_MEDIAN, path),
+        **{key: _number(group, name, path) for key, name in _FILTER_FURTHER.items()},
     )
 
 

@@ -103,7 +103,6 @@ def findings_of_samples(source: SampleSource, sensor: Sensor, circle_mm: float |
     from tofmix.estimation.filters import common_motion, find_repeats
     from tofmix.estimation.noise.curve_check import check_consistency  # slow to import, and a report may need none
     from tofmix.recording import independent_samples
-    from tofmix.temporal_filter import HeldValues
 
     seen = check_consistency(
         independent_samples(source, for_noise=True),
@@ -115,7 +114,7 @@ def findings_of_samples(source: SampleSource, sensor: Sensor, circle_mm: float |
     )
     scatter = None if remedy.noise == "auto" else seen.scatter_over_curve  # a curve that the samples gave is theirs
     found = sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy)
-    filters = sensor.temporal_filter is not None and not isinstance(sensor.temporal_filter, HeldValues)
+    filters = sensor.temporal_filter is not None and sensor.temporal_filter.blends
     repeats = None if filters else find_repeats(source)
     motion = common_motion(source) if sensor.temporal_filter is None and circle_mm is None else None
     return [

@@ -32,7 +32,6 @@ from tofmix.sensor import Sensor
 from tofmix.simulation import BUILTIN_MODELS
 from tofmix.simulation.measured_scene import LEAST_SAMPLES, UNKNOWN_WALK, MeasuredScene, SceneTable
 from tofmix.simulation.model import Model
-from tofmix.temporal_filter import AveragedMedians, ExponentialAverage, HeldValues, TemporalFilter
 
 REFERENCE = "reference.layers.h5"
 """The layers of a reference in the folder of a reconciliation."""
@@ -180,7 +179,7 @@ def _of_frames(
         found = layers.provenance.sensor.temporal_filter
         if found is None:
             return _reference(layers, path, reporter, recording, part, table, used)
-    every = frames_apart(found)
+    every = found.frames_apart()
     reporter.note(f"{path}: {found.words()}: one frame of {every} is compared")
     _check_frames(path, -(-frames // every), f"one frame of {every} is independent: ")
     with (
@@ -291,17 +290,6 @@ def _reference(
     table = replace(table, frame_noise=noise, walks=walks)
     made, model = measured_model(layers, path, reporter, REFERENCE, settings=settings, table=table)
     return Reference(model=model, layers=made.layers, frames=used)
-
-
-def frames_apart(found: TemporalFilter) -> int:
-    """Frames from one sample to the next that shares nothing with it, or next to nothing, under a filter."""
-    if isinstance(found, (ExponentialAverage, HeldValues)):
-        shared = 0.05  # correlation that is next to nothing
-        kept = found.parameter if isinstance(found, HeldValues) else 1.0 - found.parameter
-        return max(2, math.ceil(math.log(shared) / math.log(kept)))
-    if isinstance(found, AveragedMedians):
-        return frames_apart(found.average) + found.window - 1
-    return max(2, math.ceil(found.parameter))
 
 
 def in_common(source: SampleSource, layers: LayersFile) -> tuple[float, tuple[float, ...]]:

@@ -24,7 +24,7 @@ from tofmix.flags import Status, status_name
 from tofmix.options import MAX_LAYERS_LIMIT
 from tofmix.sensor import Sensor
 from tofmix.suspicion import SUSPICIONS
-from tofmix.temporal_filter import HeldValues, TemporalFilter
+from tofmix.temporal_filter import TemporalFilter
 from tofmix.wording import counted
 
 
@@ -253,7 +253,7 @@ def suspect_findings(counts: Mapping[str, int]) -> list[Finding]:
 
 def filter_findings(found: TemporalFilter | None, frames: int) -> list[Finding]:
     """Warn of a camera that filters ranges over time: `frames` of a window tell less than they seem to."""
-    if found is None or isinstance(found, HeldValues):  # `repeat_findings` says these
+    if found is None or not found.blends:  # `repeat_findings` says values that are held
         return []
     text = (
         f"The camera filters ranges over time ({found.words()}): {counted(frames, 'such frame')} tell as much"
