@@ -25,7 +25,7 @@ from tofmix.reconciliation.likelihood.joint import RecordingView, joint_likeliho
 from tofmix.reconciliation.likelihood.mixture import plane_distance
 from tofmix.reconciliation.likelihood.unsteady_way import PARTS
 from tofmix.reconciliation.parameters.searches import ranges_to, search_facts
-from tofmix.reconciliation.verification.missing_surface import MOSTLY, has_edge, unpredicted
+from tofmix.reconciliation.verification.missing_surface import has_edge, unpredicted
 from tofmix.simulation.effects.search import SearchFacts
 from tofmix.simulation.model import Model
 
@@ -89,6 +89,7 @@ def _changed(view: RecordingView) -> tuple[tuple[ChangedPart, ...], BoolArray]:
     """The parts of the image that have changed, and their pixels (pixel,) with those of their edges."""
     m, image, surfaces = view.mixture, view.evidence.image, view.scene.model.surfaces
     reach, mostly, least = 10.0, 0.5, 4  # sigma; of a pixel's samples, and of all frames; pixels of a part
+    nearly_all = 0.8  # of the pixels of a surface that stands where it stood
     share, range_mm = unpredicted(view, reach)
     seen = (view.evidence.samples > 0).mean(axis=0) > mostly
     other, out = seen & (share > mostly), np.zeros(seen.size, dtype=np.bool_)
@@ -96,7 +97,7 @@ def _changed(view: RecordingView) -> tuple[tuple[ChangedPart, ...], BoolArray]:
     as_before = np.where(main >= 0, _as_before(view, reach), ~seen)
     near = binary_dilation(other.reshape(image)).ravel()
     of_each = ((number, as_before[(main == number) & ~near]) for number in range(-1, len(surfaces) + 1))
-    stands = [number for number, own in of_each if own.size >= LEAST_PIXELS and own.mean() >= MOSTLY]
+    stands = [number for number, own in of_each if own.size >= LEAST_PIXELS and own.mean() >= nearly_all]
     new = other & np.isin(main, stands)
     before = np.where(main >= 0, m.of_main(m.mean), np.nan)
     gone = np.zeros(seen.size, dtype=np.bool_)

@@ -23,11 +23,8 @@ from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface, surface_along
 
-_FAR = 5.0
-"""Sigma from every predicted surface of a sample that is of none."""
-
-MOSTLY = 0.8
-"""Least share of the pixels that a plane describes, and of those of a surface that is seen where it is predicted."""
+_FAR, _MOSTLY = 5.0, 0.8
+"""Sigma from every predicted surface of a sample that is of none; least share of the pixels that a plane describes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,7 +139,7 @@ def _else_as_predicted(view: RecordingView, pixels: BoolArray, share: FloatArray
     for number in np.unique(main[inside & (main >= 0)]):
         others = (main == number) & ~near
         little = 0.5  # of a pixel's samples
-        if others.sum() < LEAST_PIXELS or float((share[others] < little).mean()) < MOSTLY:
+        if others.sum() < LEAST_PIXELS or float((share[others] < little).mean()) < _MOSTLY:
             return False
     return True
 
@@ -172,7 +169,7 @@ def _rectangle(view: RecordingView, own: IntArray, share: FloatArray, range_mm: 
     if (along <= 0).any():
         return None
     fits = np.abs(range_mm[own] - 1.0 / along[own]) < _FAR * sigma
-    if float(fits.mean()) < MOSTLY:
+    if float(fits.mean()) < _MOSTLY:
         return None
     normal = plane / np.linalg.norm(plane)
     upright = 0.1  # of the sine between normal and vertical, below which the x axis is level
