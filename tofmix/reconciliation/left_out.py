@@ -18,7 +18,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation, label
 from scipy.stats import norm
 
-from tofmix.arrays import BoolArray, FloatArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.comparison.compare import SMALLEST_P, Place
 from tofmix.reconciliation.evidence import LEAST_PIXELS, ChangedPart, Evidence
 from tofmix.reconciliation.likelihood.joint import RecordingView, joint_likelihood, views
@@ -139,19 +139,29 @@ def _changed(view: RecordingView) -> tuple[tuple[ChangedPart, ...], BoolArray]:
 
 def _medians(evidence: Evidence) -> FloatArray:
     """Median (pixel,) of the valid samples, mm; NaN without any."""
-    samples = np.where(evidence.samples > 0, evidence.samples, np.nan)
-    told = np.isfinite(samples).any(axis=0)
-    out = np.full(told.size, np.nan)
-    out[told] = np.nanmedian(samples[:, told], axis=0)
+    out = np.full(evidence.shape[1], np.nan)
+    for own in _blocks(evidence):
+        samples = np.where(evidence.samples[:, own] > 0, evidence.samples[:, own], np.nan)
+        told = np.isfinite(samples).any(axis=0)
+        out[own[told]] = np.nanmedian(samples[:, told], axis=0)
     return out
+
+
+def _blocks(evidence: Evidence) -> list[IntArray]:
+    """Pixels in blocks of few samples: copies of all samples of a long recording would take gigabytes."""
+    frames, pixels = evidence.shape
+    most = 4_000_000  # samples
+    return np.array_split(np.arange(pixels), max(1, frames * pixels // most))
 
 
 def _as_before(view: RecordingView, reach: float) -> BoolArray:
     """Whether each pixel (pixel,) still sees its main surface, within `reach` sigma, in half as many samples."""
-    m, samples = view.mixture, view.evidence.samples
-    off = np.abs(m.near_turn(samples - m.of_main(m.mean))) < reach * m.of_main(m.sigma)
-    valid = samples > 0
-    share = (off & valid).sum(axis=0) / np.maximum(valid.sum(axis=0), 1)
+    m, mean = view.mixture, view.mixture.of_main(view.mixture.mean)
+    limit, share = reach * m.of_main(m.sigma), np.zeros(mean.size)
+    for own in _blocks(view.evidence):
+        samples = view.evidence.samples[:, own]
+        near = (samples > 0) & (np.abs(m.near_turn(samples - mean[own])) < limit[own])
+        share[own] = near.sum(axis=0) / np.maximum((samples > 0).sum(axis=0), 1)
     weight = m.of_main(m.weight) / np.maximum(m.weight[0].sum(axis=0), 1e-9)
     return np.asarray(share > 0.5 * weight)
 
