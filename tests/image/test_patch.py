@@ -165,6 +165,14 @@ def test_a_step_of_range_or_light_parts_segments() -> None:
 
 
 @pytest.mark.compiled("rays meet patches in a kernel")
+def test_a_plane_is_one_segment_however_steep() -> None:
+    view = seen(wall(3000, (0.0, 1.0, 0.3)), 1.0)  # from 65 to 82 degrees of incidence, steps of 9 % from row to row
+    inner = np.full((SIZE, SIZE), fill_value=False)
+    inner[1:-1, 1:-1] = True
+    assert not segments_of(view)[inner.ravel()].any()
+
+
+@pytest.mark.compiled("rays meet patches in a kernel")
 def test_places_of_a_lattice_share_no_row_or_column_and_fill_the_pixel() -> None:
     places = lattice_of_places(64, 27)
     for axis in (0, 1):

@@ -5,7 +5,7 @@ import pytest
 from blind.geometry import Surface
 from support.cameras import camera_of
 from support.lock_in import FAMILIES, SMALL, Scene, judge, made, random_boards, small, two_boards
-from support.round_things import OPEN_SCENES, SCENES, Thing, cylinder, render, score, sphere, wall
+from support.round_things import OPEN_SCENES, SCENES, Thing, cylinder, joined, render, score, sphere, wall
 
 import tofmix as tm
 from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows, resolved_mixing
@@ -382,6 +382,20 @@ def test_nothing_flies_where_two_walls_meet_behind_a_sphere() -> None:
     result = score(one, tm.estimate(one.recording).window(0))
     assert result.both >= 0.9 * result.mixed
     assert (result.split, result.flying) == (0, 0)
+
+
+@pytest.mark.compiled("it estimates 3,072 pixels")
+@pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
+@pytest.mark.slow
+def test_a_floor_at_80_degrees_of_incidence_before_a_wall_gets_no_second_layer_for_a_sphere_on_it() -> None:
+    floor = wall(7.2e7, (0.0, 1.0, 1e-5))  # 720 mm below the camera
+    things = [joined(wall(4000), floor), sphere((100.0, 400.0, 2200.0), 250.0)]
+    one = render(things, [0.5, 0.8], noise_mm=5.0, power=0.7)
+    result = score(one, tm.estimate(one.recording).window(0))
+    assert result.both >= 0.9 * result.mixed
+    few = 5  # at the sphere's limb; each row of the floor a surface of its own gave 55 pixels and 22 layers
+    assert result.split <= few
+    assert result.flying <= few
 
 
 @pytest.mark.compiled("it estimates 3,072 pixels")

@@ -157,7 +157,8 @@ _PITCHES, _LOOSE_PITCHES = 0.3, 0.8
 _LIGHT, _LOOSE_LIGHT = 0.06, 0.32
 """Second differences that a bent surface has by itself: of range in widths of a pixel, of the logarithm of light."""
 _STEP, _LIGHT_STEP = 0.04, 0.35
-"""Largest difference between neighbours of one surface: part of the range, and of the logarithm of light."""
+"""Largest difference between neighbours of one surface beyond its slope: part of the range; and of the logarithm of
+light."""
 
 
 def segments_of(view: View) -> IntArray:
@@ -167,7 +168,9 @@ def segments_of(view: View) -> IntArray:
     ones. Seeds beside each other are of one surface unless range or light steps between them.
     """
     rows, cols = view.shape
-    bent, error = _second_difference(view, view.range_mm, view.range_variance)
+    # 1 / r of a plane is linear in the image, however steep the plane is; its range is not.
+    bent = _second_difference(view, 1.0 / view.range_mm, view.range_variance)[0] * view.range_mm**2
+    error = _second_difference(view, view.range_mm, view.range_variance)[1]
     faded, light_error = _second_difference(view, view.log_amplitude, view.amplitude_variance)
     width = view.range_mm * view.pitch
     light_noise = 6.0  # and of the logarithm of light
@@ -183,10 +186,13 @@ def _linked(view: View, seed: BoolArray, error: FloatArray) -> IntArray:
     rows, cols = view.shape
     index = np.arange(rows * cols).reshape(rows, cols)
     ones, others = [], []
-    for one, other in ((index[:, :-1], index[:, 1:]), (index[:-1], index[1:])):
+    inverse = 1.0 / view.range_mm.reshape(rows, cols)
+    for axis, (one, other) in enumerate(((index[:, :-1], index[:, 1:]), (index[:-1], index[1:]))):
         a, b = one.ravel(), other.ravel()
         joined = seed[a] & seed[b]
-        joined &= np.abs(view.range_mm[a] - view.range_mm[b]) < _STEP * view.range_mm[a] + _NOISE * error[a]
+        square = view.range_mm[a] * view.range_mm[b]
+        beyond = _beyond_slope(inverse, (_NOISE * error[a] / square).reshape(one.shape), 1 - axis)
+        joined &= np.abs(beyond.ravel()) * square < _STEP * view.range_mm[a] + _NOISE * error[a]
         joined &= np.abs(view.log_amplitude[a] - view.log_amplitude[b]) < _LIGHT_STEP
         ones.append(a[joined])
         others.append(b[joined])
@@ -197,6 +203,20 @@ def _linked(view: View, seed: BoolArray, error: FloatArray) -> IntArray:
     large = order[size[order] >= LEAST_PIXELS]
     renamed[large] = np.arange(large.size)
     return np.where(seed, renamed[number], -1).astype(np.int64)
+
+
+def _beyond_slope(values: FloatArray, noise: FloatArray, axis: int) -> FloatArray:
+    """Steps between neighbours along an axis, less the slope: of the steps before and after the smaller one.
+
+    A steep plane has large steps, which are alike. A step between two surfaces is alone. A slope counts as far as it
+    exceeds the `noise` of steps.
+    """
+    step = np.diff(values, axis=axis)
+    place, last = np.arange(step.shape[axis]), step.shape[axis] - 1
+    before = np.take(step, np.maximum(place - 1, 0), axis=axis)
+    after = np.take(step, np.minimum(place + 1, last), axis=axis)
+    least = np.maximum(np.minimum(np.abs(before), np.abs(after)) - noise, 0.0)
+    return step - np.where(before * after > 0, np.sign(before) * least, 0.0)
 
 
 def _second_difference(view: View, values: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
