@@ -22,6 +22,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.comparison.compare import SMALLEST_P, Place
 from tofmix.reconciliation.evidence import LEAST_PIXELS, ChangedPart, Evidence
 from tofmix.reconciliation.likelihood.joint import RecordingView, joint_likelihood, views
+from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import plane_distance
 from tofmix.reconciliation.likelihood.unsteady_way import PARTS
 from tofmix.reconciliation.parameters.searches import ranges_to, search_facts
@@ -44,16 +45,22 @@ def without_changes(model: Model, evidence: Evidence) -> tuple[Model, Evidence]:
     """
     if model.scene is None:
         return model, evidence
-    likelihood = joint_likelihood([(model, evidence)])
-    mixture = likelihood.scene.mixture()
-    if len(mixture.weight) > 1:  # where the scene moves, what is new is told by no mean
+    view, _ = _view(model, evidence)
+    if len(view.mixture.weight) > 1:  # where the scene moves, what is new is told by no mean
         return model, evidence
-    whole = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
-    (view,) = views(likelihood, mixture, whole)
     parts, out = _changed(view)
-    if not parts or 2 * (out & mixture.lit[0].any(axis=0)).sum() > mixture.lit[0].any(axis=0).sum():
+    lit = view.mixture.lit[0].any(axis=0)
+    if not parts or 2 * (out & lit).sum() > lit.sum():
         return model, evidence
     return _without(model, replace(evidence, changed=parts), out)
+
+
+def _view(model: Model, evidence: Evidence) -> tuple[RecordingView, Likelihood]:
+    """A whole recording beside the prediction of its model."""
+    likelihood = joint_likelihood([(model, evidence)])
+    whole = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
+    (view,) = views(likelihood, likelihood.scene.mixture(), whole)
+    return view, likelihood
 
 
 def places(changed: Sequence[ChangedPart]) -> list[Place]:
@@ -181,11 +188,9 @@ def without_others(model: Model, evidence: Evidence) -> tuple[Model, Evidence]:
     """
     if model.scene is None:
         return model, evidence
-    likelihood = joint_likelihood([(model, evidence)])
-    mixture = likelihood.scene.mixture()
-    whole = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
-    (view,) = views(likelihood, mixture, whole)
-    speed = _speeds(view, search_facts(likelihood, mixture))
+    view, likelihood = _view(model, evidence)
+    mixture = view.mixture
+    speed = _speeds(view, search_facts(likelihood, likelihood.scene.mixture()))
     moving = speed != 0
     if not moving.any():
         return model, evidence
