@@ -146,7 +146,7 @@ class VerdictData:
         out = []
         for number, candidate in enumerate(self.chosen):
             own = candidate.effect.shows_in
-            open_ = max((self.left(c) for c in loud if c.statistic in own), default=0.0)
+            open_ = max((self.left(c) for c in loud if c.statistic in own and not c.of_lines), default=0.0)
             if open_ > _OPEN * self.judged * candidate.gain:
                 out.append(number)
         return tuple(out)

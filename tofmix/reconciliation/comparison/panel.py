@@ -68,6 +68,14 @@ class Curve:
         return self.statistic, self.axis, self.recording
 
     @property
+    def of_lines(self) -> bool:
+        """Whether it tells how samples of a row or column vary together beside their frame: noise of a camera's lines.
+
+        An effect that moves all samples of a frame or of a surface is not the cause.
+        """
+        return self.statistic == "common_mode" and self.axis in ("row", "col")
+
+    @property
     def varying(self) -> "Curve":
         """The curve without bins whose value could not differ if the model is right: their scores are all equal."""
         some = self.variance > 0

@@ -336,7 +336,8 @@ class Likelihood:
 
     def predicted(self, state: ModelState, *, coarse: bool = False) -> Mixture:
         """The prediction of the model and a state's effects, on their unsteady way."""
-        mixture = self.scene.mixture(state.effects, coarse=coarse)
+        rest = None if state.way is None else state.way.rest
+        mixture = self.scene.mixture(state.effects, coarse=coarse, rest=rest)
         if state.way is None or not mixture.rate.any():
             return mixture
         mixture = replace(mixture, since=mixture.since + self._ahead(mixture, state.way))

@@ -257,30 +257,42 @@ class Scene:
             out[:-1] = (soon / now - 1.0) / _SOON_S
         return out
 
-    def _at_rest(self, sigma: FloatArray, rate: FloatArray) -> FloatArray:
-        """Noise (time, component, pixel) of a measured scene, mm, without the way of surfaces in the reference.
+    @property
+    def has_way(self) -> bool:
+        """Whether the widths of a measured scene hold the way of what moves.
 
         Times count from the middle of a reference that the recording itself begins with, else from 0: then the surfaces
-        stood still. A steady way of w has the standard deviation w / sqrt 12.
+        stood still.
         """
+        scene = self.model.scene
+        return scene is not None and not scene.way_mm and float(self.time_s[0]) > 0
+
+    def _at_rest(self, sigma: FloatArray, rate: FloatArray, rest: float | None) -> FloatArray:
+        """Noise (time, component, pixel) of a measured scene, mm, without the way of surfaces in the reference.
+
+        `rest` is as of `mixture`. A steady way of w has the standard deviation w / sqrt 12.
+        """
+        if rest is not None:
+            return np.where(rate != 0, rest * sigma, sigma)
         way = 2.0 * max(float(self.time_s[0]), 0.0) * rate
         return np.asarray(np.sqrt(np.maximum(sigma**2 - way**2 / 12.0, (_LEAST_REST * sigma) ** 2)))
 
-    def measured_at_rest(self, effects: tuple[Effect, ...]) -> MeasuredScene | None:
+    def measured_at_rest(self, effects: tuple[Effect, ...], rest: float | None = None) -> MeasuredScene | None:
         """The measured scene with the widths of its surfaces at rest, as these effects move them; None without one."""
         scene = self.model.scene
         velocity = self._velocities((*self._apart, *self.own(effects)), 0.0)
-        if scene is None or scene.way_mm or not velocity.any():
+        if scene is None or not self.has_way or not velocity.any():
             return scene
         noise = self.model.sensor.noise_at(self.model.sensor.integration_time_ms)
         sigma = scene.width * noise.sigma(np.nan_to_num(scene.range_mm, nan=1.0), scene.amplitude)
         rate = scene.range_mm * velocity[np.minimum(scene.surface, velocity.size - 1)]
-        return replace(scene, width=scene.width * self._at_rest(sigma, rate) / sigma)
+        return replace(scene, width=scene.width * self._at_rest(sigma, rate, rest) / sigma)
 
-    def mixture(self, effects: tuple[Effect, ...] = (), *, coarse: bool = False) -> Mixture:
+    def mixture(self, effects: tuple[Effect, ...] = (), *, coarse: bool = False, rest: float | None = None) -> Mixture:
         """The prediction of the model and these effects, without hidden states that link samples.
 
-        A coarse one has few times: good enough to rank effects.
+        A coarse one has few times: good enough to rank effects. `rest` is the noise of what moves, over that of a
+        measured scene whose widths hold its way; None if the way is steady.
         """
         effects = (*self._apart, *self.own(effects))
         times = self._times((*self._still.effects, *effects), coarse=coarse)
@@ -296,9 +308,11 @@ class Scene:
         for part in parts:
             for effect in last:
                 effect.lose_by_noise(part)
-        return self._stack(parts, times, effects)
+        return self._stack(parts, times, effects, rest)
 
-    def _stack(self, parts: list[Prediction], times: FloatArray, effects: tuple[Effect, ...]) -> Mixture:
+    def _stack(
+        self, parts: list[Prediction], times: FloatArray, effects: tuple[Effect, ...], rest: float | None
+    ) -> Mixture:
         most, pixels = max(len(p.weight) for p in parts), parts[0].weight.shape[1]
 
         def stack(name: str, fill: float) -> FloatArray:
@@ -326,8 +340,8 @@ class Scene:
         if self._apart_mm is not None:
             mean = mean + np.take_along_axis(self._apart_mm[None], surface, axis=1)
         sigma = np.maximum(stack("sigma_mm", 1.0), _LEAST_SIGMA_MM)
-        if self.model.scene is not None and not self.model.scene.way_mm and velocity.any():
-            sigma = self._at_rest(sigma, rate)
+        if self.has_way and velocity.any():
+            sigma = self._at_rest(sigma, rate, rest)
         sensor = self.model.sensor
         share = 0.0 if sensor.noise.background is None else sensor.noise.background
         background = np.broadcast_to(share, sensor.shape).ravel().astype(np.float64)
@@ -401,6 +415,11 @@ class Scenes:
         return tuple(e for m in self.members for e in m.effects)
 
     @property
+    def has_way(self) -> bool:
+        """As `Scene.has_way`, of any of the models."""
+        return any(member.has_way for member in self.members)
+
+    @property
     def links(self) -> tuple[Effect, ...]:
         """As `Scene.links`: the first of each kind, because there is one camera."""
         found: dict[str, Effect] = {}
@@ -408,9 +427,9 @@ class Scenes:
             found |= {e.kind: e for e in member.links if e.kind not in found}
         return tuple(found.values())
 
-    def mixture(self, effects: tuple[Effect, ...] = (), *, coarse: bool = False) -> Mixture:
+    def mixture(self, effects: tuple[Effect, ...] = (), *, coarse: bool = False, rest: float | None = None) -> Mixture:
         """The prediction of the models and these effects for all frames, as of `Scene.mixture`."""
-        parts = [member.mixture(effects, coarse=coarse) for member in self.members]
+        parts = [member.mixture(effects, coarse=coarse, rest=rest) for member in self.members]
         most = max(p.weight.shape[1] for p in parts)
         times = np.cumsum([0, *(len(p.weight) for p in parts)])
         joined = {name: np.concatenate([_padded(p, name, most) for p in parts]) for name in _BY_COMPONENT}

@@ -6,7 +6,8 @@ time beside its straight line, and an independent part of each frame. Sizes of b
 one in twelve, and are integrated out.
 
 A recording that is the scene tells the noise at the ranges that it saw. Beyond them, the noise goes with a power of
-range, about 1.
+range, about 1. If the scene is the first frames of the recording itself, what moves has moved in them too, and its
+widths hold this way: its noise at rest is a part of them that is fitted.
 
 References
 ----------
@@ -40,6 +41,9 @@ class UnsteadyWay(NamedTuple):
 
     path_mm: FloatArray | None = None
     """(frame,), the way of a typical pixel itself, which then stays as it is at another speed; None: `ahead_s` does."""
+
+    rest: float | None = None
+    """Noise of what moves over that of a measured scene whose widths hold its way; None if no scene's do."""
 
     speed_error: float = 0.0
     """Standard error of the steady speed by what is uneven, as a part of the speed."""

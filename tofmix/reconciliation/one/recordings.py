@@ -183,7 +183,7 @@ class SearchTask:
         like = self.likelihood
         taken = {(e.kind, getattr(e, "surface", "")) for e in like.scene.effects}
         facts = search_facts(like, self.mixture)
-        self.moves_far = any(facts.goes_far(seen) for seen in facts.surfaces)
+        self.moves_far = any(facts.goes_far(seen, seen.pixels) for seen in facts.surfaces)
         found = laws(kinds, facts, self.columns.facts, taken, like.scene.model.sensor)
         lost = [k for k in kinds if EFFECTS[k].loses_by_noise]
         return [law for law in found if law.kind.kind not in lost or self._loses]

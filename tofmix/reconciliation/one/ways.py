@@ -7,9 +7,11 @@ course out of the log-likelihood for other numbers nearby.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.likelihood import ModelState
@@ -46,7 +48,7 @@ def fitted_way(task: SearchTask, state: ModelState, bias_mm: FloatArray) -> Unst
     error = 0.0
     for turn in range(turns):
         if turn == 1:
-            state = _with_power(task, state, bias_mm)
+            state = _with_power(task, _with_rest(task, state, bias_mm), bias_mm)
         mixture = like.mixture(state)
         ahead, error = np.zeros(mixture.since.size), 0.0
         for number, (recording, speed) in enumerate(zip(task.recordings, speeds, strict=True)):
@@ -54,8 +56,8 @@ def fitted_way(task: SearchTask, state: ModelState, bias_mm: FloatArray) -> Unst
             if found is not None:
                 ahead[recording.view.frames] = found.ahead_mm / speed
                 error = max(error, math.sqrt(found.speed_variance) / abs(speed))
-        power = 0.0 if state.way is None else state.way.noise_power
-        state = replace(state, way=UnsteadyWay(ahead, power, speed_error=error))
+        now = UnsteadyWay(ahead) if state.way is None else state.way
+        state = replace(state, way=now._replace(ahead_s=ahead, path_mm=None, speed_error=error))
     return None if state.way is None else _with_path(task, state.way, speeds)
 
 
@@ -86,6 +88,9 @@ def way_nats(task: SearchTask, state: ModelState, mixture: Mixture, bias_mm: Flo
     if state.way is None or not mixture.rate.any():
         return 0.0
     total = -0.5 * ((state.way.noise_power - USUAL_POWER) / POWER_SPREAD) ** 2 if state.way.noise_power else 0.0
+    if state.way.rest is not None:
+        moved = int((mixture.of_main(mixture.rate) != 0).sum())
+        total -= 0.5 * math.log(2.0 * task.part[0].size * moved)  # the volume of a width that so many samples tell
     for number in range(len(task.recordings)):
         found = _course(task, number, state, mixture, bias_mm[number])
         total += 0.0 if found is None else found.nats
@@ -151,6 +156,23 @@ def _first_course(task: SearchTask, mixture: Mixture) -> FloatArray:
         most = 2.0 * PARTS[-1] * float(time_s[-1] - time_s[0])
         out[recording.view.frames] = np.where(np.abs(levels) < most, levels, 0.0)
     return out
+
+
+def _with_rest(task: SearchTask, state: ModelState, bias_mm: FloatArray) -> ModelState:
+    """The state with the most likely noise of what moves, if the widths of a measured scene hold its way."""
+    like, way = task.likelihood, state.way
+    if way is None or not like.scene.has_way:
+        return state
+    least, near = 0.1, 0.01  # of the widths of the scene, and to how much its logarithm is found
+    moved = np.flatnonzero(like.mixture(state).of_main(like.mixture(state).rate) != 0)
+
+    def loss(log_rest: float) -> float:
+        other = like.mixture(replace(state, way=way._replace(rest=math.exp(log_rest))))
+        parts = ((r.part[0], np.intersect1d(r.part[1], moved)) for r in task.recordings)
+        return -sum(like.sums(other, state, p, bias=own).total for p, own in zip(parts, bias_mm, strict=True))
+
+    found: Any = minimize_scalar(loss, bounds=(math.log(least), 0.0), method="bounded", options={"xatol": near})
+    return replace(state, way=way._replace(rest=math.exp(found.x)))
 
 
 def _with_power(task: SearchTask, state: ModelState, bias_mm: FloatArray) -> ModelState:

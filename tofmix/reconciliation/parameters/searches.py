@@ -194,6 +194,7 @@ def search_facts(likelihood: Likelihood, mixture: Mixture) -> SearchFacts:
                 surface=surfaces[surface],
                 sigma_mm=typical,
                 residual_mm=residual,
+                pixels=int(own.sum()),
                 speed_mm_s=_speed(surfaces[surface], seen_by),
             )
             seen.append(_with_pose(facts, seen_by))

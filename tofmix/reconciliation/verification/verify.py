@@ -263,7 +263,8 @@ def changes_in_time(state: ModelState, found: VerdictData, gain: float) -> bool:
 def refined_model(scene: Scene, state: ModelState) -> Model:
     """The model of a scene with the effects of a state that act in it, and a measured scene as it is beside them."""
     effects: tuple[Effect, ...] = (*scene.model.effects, *scene.own(state.effects))
-    return replace(scene.model, effects=effects, scene=scene.measured_at_rest(effects))
+    rest = None if state.way is None else state.way.rest
+    return replace(scene.model, effects=effects, scene=scene.measured_at_rest(effects, rest))
 
 
 def simulated(likelihood: Likelihood, state: ModelState, settings: Settings, number: int = 0) -> Compared:

@@ -83,6 +83,8 @@ class SurfaceFacts:
         Typical noise.
     residual_mm : float
         Measured minus predicted range.
+    pixels : int
+        Pixels that it fills.
     speed_mm_s : float
         Along the normal, at which more samples lie than at any other, from the model's pose at time 0.
     shift_mm, tilts_deg : float, (float, float)
@@ -96,6 +98,7 @@ class SurfaceFacts:
     surface: "Surface"
     sigma_mm: float
     residual_mm: float
+    pixels: int = 1
     speed_mm_s: float = 0.0
     shift_mm: float = 0.0
     tilts_deg: tuple[float, float] = (0.0, 0.0)
@@ -166,10 +169,13 @@ class SearchFacts:
     gain: Callable[[Effect], float]
     nearer: Callable[[float, float], tuple[float, float, float] | None]
 
-    def goes_far(self, seen: SurfaceFacts) -> bool:
-        """Whether a surface goes further than any noise reaches: what is uneven in its way is seen then, too."""
+    def goes_far(self, seen: SurfaceFacts, pixels: int = 1) -> bool:
+        """Whether a surface goes further than the noise of a mean of so many samples reaches, by ten of its sigma.
+
+        Of all its pixels, what is uneven in its way is seen then, too.
+        """
         reach = 10.0  # sigma
-        return abs(seen.speed_mm_s) * self.duration_s > reach * seen.sigma_mm
+        return abs(seen.speed_mm_s) * self.duration_s * math.sqrt(pixels) > reach * seen.sigma_mm
 
     @property
     def typical_residual_mm(self) -> float:
