@@ -3,8 +3,8 @@
 A kind declares searches (`Problem`), linear forms and priors in its own file (`tofmix.simulation.effects.search`). A
 `Law` is one search of one kind and surface, with the linear forms that begin it. The evidence of a law does not depend
 on the vector: with u the numbers that have a prior (their logarithms, if the prior is one of logarithms) and J = du/dx,
-the prior is a Gaussian of precision J' S^-2 J, times the density relative to its mode, where S makes each number's
-Gaussian as high as its prior.
+the prior is a Gaussian of precision J' S^-2 J, times the density over its height, where S makes each number's Gaussian
+as high as its prior, and as wide as the tail where it falls by a power.
 
 Smooth laws without a name (`Unnamed`), polynomials over the image or over range, are members of sets like effects: the
 nearest effect imitates most of an unknown law. They compete at the same price, and where one is clearly better than
@@ -198,7 +198,7 @@ class Law:
         return sum(_log_density(prior, effect.numbers()[name]) for name, prior in effect.priors().items())
 
     def prior_at(self, x: FloatArray) -> tuple[float, FloatArray]:
-        """Log density relative to its mode, and the precision (n, n) of the Gaussian that is as high there.
+        """Precision (n, n) of the Gaussian that stands for the prior here, and the log density over its height.
 
         Raises
         ------
@@ -209,8 +209,9 @@ class Law:
         priors, numbers = effect.priors(), effect.numbers()
         slopes = self._slopes(x, priors)
         moving = [name for name in priors if slopes[name].any()]
-        relative = sum(_log_density(priors[n], numbers[n]) - _log_density(priors[n], priors[n].mode) for n in moving)
-        widths = np.array([math.exp(-_log_density(priors[n], priors[n].mode)) / math.sqrt(2 * math.pi) for n in moving])
+        widths = np.array([_width(priors[n], numbers[n]) for n in moving])
+        height = float(np.log(widths * math.sqrt(2 * math.pi)).sum())
+        relative = sum(_log_density(priors[n], numbers[n]) for n in moving) + height
         jacobian = np.array([slopes[n] for n in moving]).reshape(len(moving), self.size)
         precision = (jacobian / widths[:, None]).T @ (jacobian / widths[:, None])
         if len(moving) < self.size:
@@ -257,6 +258,15 @@ class Law:
             least_squares(residual, start, x_scale=np.array(self.problem.steps), max_nfev=40) for start in starts[:2]
         ]
         return np.asarray(min(ends, key=lambda end: end.cost).x)
+
+
+def _width(prior: Prior, value: float) -> float:
+    """Standard deviation of the Gaussian that stands for a prior near a value, of the logarithm if the prior is of one.
+
+    It is as high as the prior's mode. Far from it, where the tail of a density falls by a power, it is as wide as that.
+    """
+    width = math.exp(-_log_density(prior, prior.mode)) / math.sqrt(2 * math.pi)
+    return max(width, prior.tail_width(value)) if isinstance(prior, StudentPrior) else width
 
 
 def _log_density(prior: Prior, value: float) -> float:

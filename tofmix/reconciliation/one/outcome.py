@@ -2,7 +2,7 @@
 
 The numbers are fitted once more, to the fitting frames alone, so that the check of the verdict uses frames that no fit
 has seen. A member that leaves a statistic open in which it must show is taken out. Of sets that cannot be told apart,
-one with a contradicted member gives way to the next.
+one with a contradicted member gives way to the next, and one that leaves a deviation to one that leaves none.
 """
 
 import math
@@ -74,14 +74,16 @@ def named(
     verified = verify(likelihood, added, settings)
     if verified.verdict != "unexplained" or found.law is not None:
         return added, verified
-    aliases = found.aliases(best) if verified.against else []
-    for s in [s for s in found.table.values() if s.names == best.names] if aliases else ():  # in all its forms
-        s.refused, s.score = refusal(added, verified), -math.inf
-    for alias in aliases:
+    why, forms = refusal(added, verified), [s for s in found.table.values() if s.names == best.names]
+    enough = ("explained", "partly_explained") if verified.against else ("explained",)
+    for alias in found.aliases(best):
         other = as_added(found, alias)
         judged = verify(likelihood, other, settings)
-        if judged.verdict != "unexplained":
-            return other, judged
+        if judged.verdict in enough:
+            _refuse(forms, why)
+            return replace(other, considered=considered(found, alias)), judged
+    if verified.against:
+        _refuse(forms, why)
     bad = (added.chosen[k].name for k in (*verified.findings.refused, *(c.number for c in verified.against)))
     less = found.most_of(best, frozenset(bad))
     if less is None or less.names == best.names:
@@ -89,6 +91,12 @@ def named(
     other = as_added(found, less)
     judged = verify(likelihood, other, settings)
     return (added, verified) if judged.verdict == "unexplained" else (other, judged)
+
+
+def _refuse(forms: Sequence[FittedSet], why: str) -> None:
+    """Give all forms of a set up."""
+    for s in forms:
+        s.refused, s.score = why, -math.inf
 
 
 def better_own_effect(recordings: Sequence[Recording], added: Added, settings: Settings) -> Effect | None:

@@ -49,7 +49,7 @@ class Motion(Effect):
         high=100_000,
         zero=0,
         typical=(0.1, 1000),
-        prior=StudentPrior(scale=300, dof=2),
+        prior=StudentPrior(scale=2, dof=0.5),  # speeds of all magnitudes, from a tripod's to a car's
     )
 
     @classmethod

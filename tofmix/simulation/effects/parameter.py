@@ -82,6 +82,16 @@ class StudentPrior:
         below = float(stdtr(self.dof, -away))
         return float(-ndtri_exp(math.log(below))) if below > 0 else math.inf
 
+    def tail_width(self, value: float) -> float:
+        """Standard deviation of the Gaussian whose mean falls by as much at a value; 0 for a Gaussian.
+
+        A t density is a mixture of Gaussians of unknown variance: this is the square root of the most likely variance
+        in the weights of Lange, Little and Taylor, J. American Statistical Association 84 (1989) 881.
+        """
+        if math.isinf(self.dof):
+            return 0.0
+        return self.scale * math.sqrt((self.dof + self._away(value) ** 2) / (self.dof + 1))
+
     @property
     def spread(self) -> float:
         """Standard deviation of the Gaussian that stands for it in linear fits, of the logarithm if `log`."""
