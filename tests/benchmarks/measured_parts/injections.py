@@ -127,12 +127,18 @@ NEAR_MM = 400.0
 
 
 def still(samples: FloatArray) -> FloatArray:
-    """Samples (frame, row, col) of the TMF8829 in the order of time, as if its object neither receded nor turned."""
+    """Samples (frame, row, col) of the TMF8829 in the order of time, as if its object neither receded nor turned.
+
+    The means that are taken out hold the noise of their samples: as much noise of means is drawn anew.
+    """
     near = samples < NEAR_MM
     whole = near.all(axis=0)
-    mean = np.where(whole, samples, 0.0).sum(axis=1) / np.maximum(whole.sum(axis=0), 1)
+    count = np.maximum(whole.sum(axis=0), 1)
+    mean = np.where(whole, samples, 0.0).sum(axis=1) / count
     course = mean - mean.mean(axis=0)
-    return np.where(near, samples - course[:, None, :], samples)
+    left = samples - course[:, None, :]
+    of_means = np.random.default_rng(0).normal(0.0, _sigma(left[:, whole]) / np.sqrt(count), course.shape)
+    return np.where(near, left + of_means[:, None, :], samples)
 
 
 OF_SCENES = ("TMF8829", "VL53L8CX", "three boards")
