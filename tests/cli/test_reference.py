@@ -85,6 +85,31 @@ def test_a_recording_has_its_own_frame_rate_and_its_part_no_command(tofmix: Tofm
     assert "tofmix estimate" not in shown.err
 
 
+@pytest.mark.slow
+def test_what_moves_unevenly_within_the_reference_too_has_its_speed_and_its_own_noise(
+    tofmix: Tofmix, tmp_path: Path
+) -> None:
+    """A board shakes while it recedes, before a wall: widths of the reference hold its way."""
+    rng, frames, speed_mm_s, noise_mm = np.random.default_rng(5), 60, 12.0, 2.0
+    times_s = np.arange(frames) / 30.0
+    way_mm = speed_mm_s * times_s + rng.normal(0.0, 1.0, frames)
+    level = np.full((frames, 10, 10), 2000.0)
+    level[:, :, :5] = 400.0 + way_mm[:, None, None]
+    recording = tmp_path / "moving.h5"
+    samples = rng.normal(level, np.where(level > 1000.0, 8.0, noise_mm))
+    tm.from_array(samples.astype(np.float32), units="mm", fov_deg=(8.0, 8.0), time_s=times_s).save(recording)
+    gap = tmp_path / "gap"
+    tofmix("reconcile", "--self", recording, "-o", gap, "--effects", "motion,temperature_drift", "--max-effects", 1)
+    found = json.loads((gap / "gap.json").read_text())
+    (motion,) = found["effects"]
+    assert found["verdict"] == "explained"
+    assert motion["kind"] == "motion"
+    error = motion["stderr"]["velocity_mm_s"]
+    assert 0.02 < error < 1.5
+    assert abs(motion["parameters"]["velocity_mm_s"] - speed_mm_s) < 3 * error
+    assert found["gap"]["after"] < 1.5  # not so if the noise of the board were that of the reference, or too small
+
+
 def test_self_takes_one_recording(tofmix: Tofmix, tmp_path: Path) -> None:
     recording = _zone(tmp_path / "a.h5", 500.0)
     assert tofmix("reconcile", "--self=0.5", recording, recording, "-o", tmp_path / "gap").code == 2

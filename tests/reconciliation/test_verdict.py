@@ -147,6 +147,15 @@ def test_large_gap_of_the_models_own_simulation_gives_unexplained() -> None:
     assert judge(replace(found, floor=panel(bias=0.9))) == "unexplained"
 
 
+def test_noise_that_a_line_shares_is_no_sign_that_an_offset_is_wrong_and_that_a_frame_shares_is() -> None:
+    left = panel(common_mode=0.5)
+    of_line, of_frame = (
+        replace(left, curves=tuple(replace(c, axis=axis) for c in left.curves)) for axis in ("col", "frame")
+    )
+    assert findings(panel(bias=2.0), of_line, chosen(gain=1000.0)).signed
+    assert not findings(panel(bias=2.0), of_frame, chosen(gain=1000.0)).signed
+
+
 def test_every_kind_shows_in_statistics_of_the_panel_or_has_an_exact_law(model: Model, record: Record) -> None:
     evidence = record(MAKE["dropout"](probability=0.02))
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))

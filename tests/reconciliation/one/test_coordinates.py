@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import t
 from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
@@ -89,6 +90,23 @@ def test_prior_does_not_depend_on_the_unit_of_the_vector(unit: float) -> None:
     assert isinstance(prior, StudentPrior)
     in_mm = relative + 0.5 * math.log(precision[0, 0] / unit**2 / (2 * math.pi))
     assert in_mm == pytest.approx(prior.log_density(12.0), abs=1e-6)
+
+
+@pytest.mark.parametrize(("speed", "error"), [(0.0, 0.1), (30.0, 3.0), (600.0, 3.0), (600.0, 30.0), (600.0, 100.0)])
+def test_evidence_of_a_speed_is_the_integral_over_its_prior_however_far_it_is(speed: float, error: float) -> None:
+    """The prior of speeds has a tail that falls by a power; samples tell the speed to `error`."""
+    law = _law(
+        "motion",
+        Problem(make=lambda x: MAKE["motion"](surface="a", velocity_mm_s=float(x[0])), starts=((1.0,),), steps=(0.3,)),
+    )
+    prior = EFFECTS["motion"].parameters()["velocity_mm_s"].prior
+    assert isinstance(prior, StudentPrior)
+    each = np.geomspace(1e-4, 1e5, 100_000)
+    at = np.concatenate([-each[::-1], each])
+    density = t.pdf(at, prior.dof, scale=prior.scale) * np.exp(-0.5 * ((at - speed) / error) ** 2)
+    relative, precision = law.prior_at(np.array([speed]))
+    found = relative - 0.5 * math.log((precision[0, 0] + error**-2) / precision[0, 0])
+    assert found == pytest.approx(math.log(np.trapezoid(density, at)), abs=0.15)
 
 
 def test_numbers_beyond_real_cameras_are_named_in_the_reason() -> None:

@@ -164,10 +164,11 @@ def _with_rest(task: SearchTask, state: ModelState, bias_mm: FloatArray) -> Mode
     if way is None or not like.scene.has_way:
         return state
     least, near = 0.1, 0.01  # of the widths of the scene, and to how much its logarithm is found
+    given = replace(state, log_width=task.null.log_width)  # without errors of widths, found about another noise
     moved = np.flatnonzero(like.mixture(state).of_main(like.mixture(state).rate) != 0)
 
     def loss(log_rest: float) -> float:
-        other = like.mixture(replace(state, way=way._replace(rest=math.exp(log_rest))))
+        other = like.mixture(replace(given, way=way._replace(rest=math.exp(log_rest))))
         parts = ((r.part[0], np.intersect1d(r.part[1], moved)) for r in task.recordings)
         return -sum(like.sums(other, state, p, bias=own).total for p, own in zip(parts, bias_mm, strict=True))
 

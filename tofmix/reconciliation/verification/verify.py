@@ -23,6 +23,7 @@ from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.memory import independent, memory_left, memory_of
 from tofmix.reconciliation.likelihood.mixture import LINKING, Scene
+from tofmix.reconciliation.likelihood.unsteady_way import UnsteadyWay
 from tofmix.reconciliation.likelihood.wander import FARTHEST_SCORE
 from tofmix.reconciliation.settings import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import VerdictData, judge, share_closed
@@ -287,7 +288,9 @@ def simulated(likelihood: Likelihood, state: ModelState, settings: Settings, num
     again = Likelihood(replace(evidence, samples=samples), likelihood.scene)
     # A simulation draws its own widths
     none = np.zeros_like(state.log_width)
-    alike = replace(state, way=None, log_width=none, log_width_error=none)
+    rest = None if state.way is None else state.way.rest
+    steady = None if rest is None else UnsteadyWay(np.zeros(len(samples)), rest=rest)
+    alike = replace(state, way=steady, log_width=none, log_width_error=none)
     found = latent_states(again, alike, fit_part(likelihood, settings)[0])
     return compare(again, found, held_out(likelihood, settings), seed=first)
 
