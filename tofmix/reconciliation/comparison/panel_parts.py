@@ -106,7 +106,11 @@ def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
 
     Means of pixels and of frames are removed first, and values are divided by the spread of the line. In an image of
     one row the mean of the row is that of the frame, which is removed, so there is no result. The same holds for one
-    column.
+    column. The variance of n frames is a chi-square of n - 1: it is made normal, since of few frames it is skewed.
+
+    References
+    ----------
+    Wilson and Hilferty, Proc. Nat. Acad. Sci. 17 (1931) 684.
     """
     rows, cols = evidence.image
     ok = np.isfinite(z)
@@ -130,7 +134,9 @@ def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
         square = np.where(use, image.sum(axis=axis, dtype=np.float64) ** 2 / np.maximum(n, 1), 0.0).sum(axis=0)
         some = (frames >= few) & (level > least)
         lost = 1.0 - 1.0 / image.shape[3 - axis]  # the part that the means of frames removed
-        value = (square[some] / frames[some] / level[some] / lost - 1) / np.sqrt(2)
+        free = frames[some] - 1.0
+        ratio = square[some] / frames[some] / level[some] / lost
+        value = (np.cbrt(ratio) - 1.0 + 2.0 / (9.0 * free)) * np.sqrt(4.5)
         at = np.flatnonzero(some).astype(np.float64)
         yield Curve(
             statistic="common_mode",
@@ -138,7 +144,7 @@ def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
             lower=at,
             upper=at + 1,
             value=value,
-            variance=1.0 / frames[some],
+            variance=1.0 / free,
             unit="1",
             scale_mm=np.broadcast_to(sigma, at.shape),
         )
