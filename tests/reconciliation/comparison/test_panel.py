@@ -1,6 +1,7 @@
-"""Curves of the panel whose null is worked out here: waves over whole mm."""
+"""Curves of the panel whose null is worked out here: waves over whole mm, and lines of few frames."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from support.recordings import Record, recorded
 
 from tofmix.reconciliation.comparison.compare import compare
 from tofmix.reconciliation.comparison.panel import Curve, of_neighbours
+from tofmix.reconciliation.comparison.panel_parts import lines
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.settings import Settings
@@ -81,3 +83,19 @@ def test_value_of_neighbours_is_the_mean_of_those_on_the_same_surface_without_th
         ]
         expected = np.mean([values[r * cols + c] for r, c in around]) if around else values[pixel]
         assert found[pixel] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("frames", [4, 8, 30])
+def test_lines_of_few_frames_stand_out_no_more_often_than_chance_lets_them(frames: int) -> None:
+    """One of a hundred at 2.33, of 400 curves at most nine; of chi-squares of 3 taken as normal one of ten did."""
+    rng, image = np.random.default_rng(1), (12, 12)
+    evidence: Evidence = SimpleNamespace(image=image)  # type: ignore[assignment]
+    part = np.arange(frames), np.arange(image[0] * image[1])
+    found = [
+        curve.z
+        for _ in range(200)
+        for curve in lines(rng.standard_normal((frames, part[1].size)).astype(np.float32), evidence, part)
+    ]
+    assert len(found) == 400
+    assert sum(z > 2.33 for z in found) <= 9
+    assert np.std(found) > 0.8  # and not for want of scatter

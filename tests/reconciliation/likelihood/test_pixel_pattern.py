@@ -1,9 +1,26 @@
-"""Columns and rows are eliminated block by block: the same as one dense matrix."""
+"""Biases of pixels; columns and rows are eliminated block by block, the same as one dense matrix."""
 
 import numpy as np
 import pytest
+from support.recordings import MAKE, recorded
 
-from tofmix.reconciliation.likelihood.pixel_pattern import LinesFactor, PatternLines
+from tofmix.reconciliation.likelihood.joint import joint_likelihood
+from tofmix.reconciliation.likelihood.pixel_pattern import LinesFactor, PatternLines, pixel_biases
+from tofmix.simulation.model import Model
+
+
+@pytest.mark.parametrize("offset_mm", [60.0, 150.0])
+def test_bias_of_a_pixel_of_two_surfaces_is_that_of_both_and_no_way_from_one_to_the_other(
+    small: Model, offset_mm: float
+) -> None:
+    """The surfaces are 1.1 to 3 m apart; the noise of a sample is 9 mm."""
+    evidence, frames = recorded(small, MAKE["range_offset"](offset_mm=offset_mm)), 13
+    likelihood = joint_likelihood([(small, evidence)])
+    mixture, part = likelihood.mixture(likelihood.start()), (np.arange(frames), np.arange(evidence.shape[1]))
+    found = pixel_biases(likelihood, mixture, likelihood.start(), part)
+    several = ((mixture.weight[0] > 0).sum(axis=0) > 1) & (found.information > 0)
+    assert several.sum() > 30
+    assert np.abs(found.bias[several] - offset_mm).max() < 20.0
 
 
 @pytest.mark.parametrize("shape", [(5, 9), (9, 5), (6, 6)])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from tofmix.arrays import BoolArray, FloatArray
+from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part, Sums
@@ -66,7 +66,7 @@ def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: ModelState, pa
 
 
 def _median_bias(likelihood: Likelihood, mixture: Mixture, state: ModelState, part: Part) -> FloatArray:
-    """Median of a pixel's samples minus the mean of its main surface, mm; the mean over recordings.
+    """Median of a pixel's samples minus the mean of the surface that each may be of, mm; the mean over recordings.
 
     0 if the pixel has no return or no sample.
     """
@@ -82,8 +82,7 @@ def _medians(evidence: Evidence, mixture: Mixture, part: Part) -> tuple[FloatArr
     frames, pixels = part
     values = evidence.samples[frames][:, pixels].astype(np.float32)
     values -= mixture.frame_bias[frames, None].astype(np.float32)
-    values -= mixture.of_main(mixture.mean)[pixels].astype(np.float32)
-    values = mixture.near_turn(values)
+    values = _off(mixture, values, pixels)
     valid = evidence.samples[frames][:, pixels] > 0
     middle = np.zeros(evidence.shape[1])
     some = valid.any(axis=0)
@@ -92,6 +91,18 @@ def _medians(evidence: Evidence, mixture: Mixture, part: Part) -> tuple[FloatArr
     known[pixels[some]] = True
     usable = known & mixture.of_main(mixture.lit).astype(bool)
     return middle, usable
+
+
+def _off(mixture: Mixture, values: Float32Array, pixels: IntArray) -> Float32Array:
+    """Samples (frame, n) of pixels less the mean of their main surface, mm; where there are several, of the nearest."""
+    out = mixture.near_turn(values - mixture.of_main(mixture.mean)[pixels].astype(np.float32))
+    seen = (mixture.lit[0] & (mixture.weight[0] > 0))[:, pixels]
+    several = np.flatnonzero(seen.sum(axis=0) > 1)
+    for mean, own in zip(mixture.mean[0][:, pixels[several]], seen[:, several], strict=True):
+        away = mixture.near_turn(values[:, several] - mean.astype(np.float32))
+        nearer = own & (np.abs(away) < np.abs(out[:, several]))
+        out[:, several] = np.where(nearer, away, out[:, several])
+    return np.asarray(out, dtype=np.float32)
 
 
 def spreads_of(image: tuple[int, int]) -> int:
