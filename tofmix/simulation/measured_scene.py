@@ -214,8 +214,28 @@ class MeasuredScene(SceneTable):
 
         The posterior of a width with a normal prior of its logarithm; n samples have the information 2 n.
         """
-        told = 2.0 * np.where(self.known, self.samples, 0) / self.repeats
-        return np.asarray(1.0 / np.sqrt(self.width_spread**-2 + told))
+        return np.asarray(1.0 / np.sqrt(self.width_spread**-2 + self._told_of_width()))
+
+    def _told_of_width(self) -> FloatArray:
+        """Information (row, col) of a pixel's samples about the logarithm of its width."""
+        return np.asarray(2.0 * np.where(self.known, self.samples, 0) / self.repeats)
+
+    def lent_log_width(self) -> FloatArray:
+        """Error (row, col) of the logarithm of a width that the pixels of a surface share: what the curve lent them.
+
+        Few samples leave a width near that of the curve. If all pixels of a surface are wider, as on a slope, all of
+        them are drawn to the curve, by what their mean tells. 0 for a layer of no surface.
+        """
+        told = self._told_of_width()
+        kept = told / (told + self.width_spread**-2)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            width = np.nan_to_num(np.log(self.of_main(self.width)), nan=0.0, posinf=0.0, neginf=0.0)
+        own, out = self.of_main(self.surface.astype(np.float64)), np.zeros(width.shape)
+        for number in range(len(self.surfaces)):
+            some = self.known & (own == number) & (kept > 0)
+            if some.any():
+                out[some] = (1.0 - kept[some]) * width[some].sum() / kept[some].sum()
+        return out
 
 
 SceneParts = tuple[CompleteCamera, MeasuredScene]

@@ -18,6 +18,7 @@ def _errors(*, common: float = 0.0, frame_noise: float = 0.0) -> ReferenceErrors
         sigma_mm=SIGMA,
         variance_mm2=VARIANCE,
         log_width=nothing,
+        lent_log_width=nothing,
         shares=nothing,
         lost=nothing,
         lost_share=nothing,

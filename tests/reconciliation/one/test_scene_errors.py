@@ -104,6 +104,7 @@ def test_means_share_the_noise_of_frames_of_both_recordings(wall: Model) -> None
         sigma_mm=np.full(pixels, 5.0),
         variance_mm2=np.full(pixels, 2.0),
         log_width=np.full(pixels, 0.1),
+        lent_log_width=np.zeros(pixels),
         shares=np.zeros(pixels),
         lost=np.full(pixels, 0.0),
         lost_share=np.zeros(pixels),
@@ -141,6 +142,23 @@ def _measured(wall: Model, *effects: Effect) -> tuple[Model, Evidence]:
 
 def test_a_static_scene_with_few_frames_has_no_effect(wall: Model) -> None:
     found = search(joint_likelihood([_measured(wall)]), Settings(kinds=KINDS))
+    assert found.best.names == set()
+
+
+def test_a_wide_surface_whose_widths_few_frames_draw_to_the_curve_has_no_excess_noise(wall: Model) -> None:
+    """Each pixel keeps a part of its log width, as of a prior about the curve; what it lacks is the same in all."""
+    model, evidence = _measured(wall)
+    assert model.scene is not None
+    wider, spread = 0.6, 0.2  # of the logarithm
+    kept = 2 * FRAMES / (2 * FRAMES + spread**-2)
+    drawn = np.full_like(model.scene.width, np.exp(kept * wider))
+    scene = replace(model.scene, width=drawn, width_spread=spread)
+    np.testing.assert_allclose(scene.lent_log_width(), (1.0 - kept) * wider, rtol=1e-6)
+    samples = evidence.samples.astype(np.float64)
+    mean = samples.mean(axis=0)
+    wide = replace(evidence, samples=np.rint(mean + np.exp(wider) * (samples - mean)).astype(np.uint16))
+    kinds = ("excess_noise", "range_offset")
+    found = search(joint_likelihood([(replace(model, scene=scene), wide)]), Settings(kinds=kinds))
     assert found.best.names == set()
 
 

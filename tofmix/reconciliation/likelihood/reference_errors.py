@@ -36,6 +36,7 @@ class ReferenceErrors:
     sigma_mm : sigma of the main layer, mm.
     variance_mm2 : variance of each pixel's mean, mm2.
     log_width : standard error of the logarithm of its width.
+    lent_log_width : error of the logarithm of its width that all pixels of its surface share.
     shares : variance that errors of the shares add to the means of its scores, in pixels of several layers.
     lost : variance of its share of lost samples, by its own frames.
     lost_share : its share of lost samples, as it may be: above 0 where none was lost.
@@ -58,6 +59,7 @@ class ReferenceErrors:
     sigma_mm: FloatArray
     variance_mm2: FloatArray
     log_width: FloatArray
+    lent_log_width: FloatArray
     shares: FloatArray
     lost: FloatArray
     lost_share: FloatArray
@@ -87,6 +89,7 @@ class ReferenceErrors:
             sigma_mm=sigma,
             variance_mm2=np.where(known & np.isfinite(error), of_mean, by_count),
             log_width=np.where(known, scene.width_error().ravel(), 0.0),
+            lent_log_width=scene.lent_log_width().ravel(),
             shares=np.where(several, relative, 0.0),
             lost=lost * (1.0 - lost) / (frames + 1.0) * scene.repeats,
             lost_share=np.where(seen, lost, 0.0),

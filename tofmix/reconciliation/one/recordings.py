@@ -292,7 +292,7 @@ class SearchTask:
     def _noise_errors(self) -> FloatArray:
         """Half of the variance is common to all surfaces, as of a curve that is wrong, and half is of each surface.
 
-        All widths of a measured scene have another error in common.
+        All widths of a measured scene have another error in common, and those of each surface one more.
         """
         size = _NOISE * self.accepted * UNIFORM * math.sqrt(0.5)
         out = [self.lit * size]
@@ -304,6 +304,12 @@ class SearchTask:
         out = out if size else []
         common = np.array([r.scene.common_log_width for r in self.recordings])[:, None] * self.lit
         out += [common] if common.any() else []
+        for number, recording in enumerate(self.recordings):
+            for surface in np.unique(recording.surface[self.lit[number]]):
+                column = np.zeros(self.lit.shape)
+                own = self.lit[number] & (recording.surface == surface)
+                column[number] = np.where(own, recording.scene.lent_log_width, 0.0)
+                out += [column] if column.any() else []
         return np.stack(out).reshape(len(out), 1, -1) if out else np.zeros((0, 1, self.lit.size))
 
     def width_errors(self, information: FloatArray) -> StaticErrors:

@@ -3,7 +3,8 @@
 A scene of rectangles is given, and has none. A measured scene is known as well as its recording tells:
 
 - the mean of each pixel to the variance `own_variance_mm2`, and all means together by `columns_mm`;
-- the width of its noise to `log_width_variance`, and all widths together to `common_log_width`;
+- the width of its noise to `log_width_variance`, those of a surface together to `lent_log_width`, and all of them to
+  `common_log_width`;
 - its share of lost samples as from `lost_frames` frames: the number of lost samples is beta-binomial; and all shares
   together to `common_lost`;
 - the noise that all samples of a frame share goes on while the recording is measured, so that a course in time is known
@@ -54,6 +55,8 @@ class SceneErrors:
         Variance of the mean of each pixel.
     log_width_variance : (pixel,) float64
         Variance of the logarithm of each pixel's width.
+    lent_log_width : (pixel,) float64
+        Error of the logarithm of each pixel's width that all pixels of its surface share.
     common_log_width : float
         Standard error of the logarithm of all widths together.
     lost_frames : (pixel,) float64
@@ -77,6 +80,7 @@ class SceneErrors:
     columns_mm: FloatArray
     own_variance_mm2: FloatArray
     log_width_variance: FloatArray
+    lent_log_width: FloatArray
     common_log_width: float
     lost_frames: FloatArray
     lost_share: FloatArray
@@ -95,6 +99,7 @@ class SceneErrors:
             columns_mm=np.zeros((0, pixels)),
             own_variance_mm2=nothing,
             log_width_variance=nothing,
+            lent_log_width=nothing,
             common_log_width=0.0,
             lost_frames=nothing,
             lost_share=nothing,
@@ -137,6 +142,7 @@ class SceneErrors:
             else np.zeros((0, lit.size)),
             own_variance_mm2=errors.variance_mm2,
             log_width_variance=errors.log_width**2,
+            lent_log_width=errors.lent_log_width,
             common_log_width=errors.common_log_width,
             lost_frames=np.where(told, errors.lost_frames, 0.0),
             lost_share=errors.lost_share,
