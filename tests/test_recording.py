@@ -276,6 +276,29 @@ def test_samples_of_rounded_means_have_the_noise_of_samples(window: int, sigma_m
     assert len(np.unique(np.round(np.diff(np.sort(chain)), 3))) > 0.7 * (len(chain) - 1)  # on no step
 
 
+@pytest.mark.parametrize(("window", "sigma_mm"), [(2, 2.0), (3, 3.0), (5, 3.0), (8, 6.0)])
+def test_scatter_of_samples_of_rounded_means_differs_between_pixels_as_that_of_samples(
+    window: int, sigma_mm: float
+) -> None:
+    """Where the rounded means told each pixel's own noise, some scattered as much as if they saw two surfaces."""
+    samples = 2000.0 + np.random.default_rng(11).normal(0.0, sigma_mm, (99 + window, 2000))
+    means = np.rint(_means(samples, window))[:, np.newaxis]
+    noise = NoiseCurve(np.array([1000.0]), np.array([sigma_mm]))
+    sensor = Sensor(name="camera", noise=noise, temporal_filter=RunningMean(float(window)))
+    found = independent_samples(ArrayRecording(means, sensor)).read_range(slice(None), slice(None))
+    scatter = found.std(axis=0)
+    assert scatter.mean() == pytest.approx(sigma_mm, rel=0.05)
+    assert scatter.std() / scatter.mean() == pytest.approx(1.0 / np.sqrt(2.0 * len(found)), rel=0.1)
+
+
+def test_mean_of_medians_has_the_noise_of_medians() -> None:
+    noise = NoiseCurve(np.array([1000.0, 3000.0]), np.array([2.0, 6.0]))
+    found = AveragedMedians(RunningMean(3.0), 5).with_noise(noise).average
+    assert isinstance(found, RunningMean)
+    assert found.noise is not None
+    np.testing.assert_allclose(found.noise.sigma(np.array([2000.0])), 4.0 * ApartMedians(5.0).sd())
+
+
 @pytest.mark.parametrize("window", [3, 5, 7])
 def test_seen_samples_and_repeats_of_a_median_have_the_computed_probabilities(window: int) -> None:
     median, (medians, seen) = RunningMedian(float(window)), _medians(window, 0.0)

@@ -420,4 +420,5 @@ def independent_samples(source: SampleSource, *, for_noise: bool = False) -> Sam
     found = source.sensor.temporal_filter
     if found is None or isinstance(source, IndependentSamples):
         return source
-    return IndependentSamples(source, found.for_noise() if for_noise else found, marks=not for_noise)
+    used = found.for_noise() if for_noise else found.with_noise(source.sensor.noise)
+    return IndependentSamples(source, used, marks=not for_noise)

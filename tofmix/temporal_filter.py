@@ -7,7 +7,7 @@ one surface to another within a frame, and the memory is a part of the learnt no
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise, product
 from typing import ClassVar, Protocol, Self
@@ -22,6 +22,16 @@ SPAN_FRAMES = 100
 _SPAN_WINDOWS = 12  # windows of a span at least: a chain's samples tell where it is
 _DRAWN_FRAMES, _DRAWN_PIXELS, _SEED = 100, 4000, 20080922  # of the dependence of seen samples
 _QUANTILES = 2001  # of the distribution of seen samples
+
+
+class SampleNoise(Protocol):
+    """Noise of samples before any filter, such as a `tofmix.sensor.NoiseCurve`."""
+
+    def sigma(self, range_mm: FloatArray) -> FloatArray:
+        """Sd of a sample at ranges of any shape, mm."""
+
+    def scaled(self, factor: float) -> Self:
+        """The same with every sd times `factor`."""
 
 
 class TemporalFilter(Protocol):
@@ -75,6 +85,9 @@ class TemporalFilter(Protocol):
 
     def for_noise(self) -> "TemporalFilter":
         """The filter by which noise is learnt: its samples have no memory, and may be fewer."""
+
+    def with_noise(self, curve: SampleNoise | None) -> "TemporalFilter":
+        """The filter, for samples whose noise before any filter is known."""
 
     def frames_apart(self) -> int:
         """Frames from one stored range to the next that shares nothing with it, or next to nothing."""
@@ -158,6 +171,10 @@ class ExponentialAverage:
     def rounding_mm(self, step_mm: float) -> float:
         """Sd that a step of the stored ranges adds to independent samples: their inverse enlarges its rounding."""
         return step_mm / math.sqrt(12.0) * math.hypot(1.0, 1.0 - self.parameter) / self.parameter
+
+    def with_noise(self, curve: SampleNoise | None) -> Self:  # noqa: ARG002  its samples do not depend on noise
+        """The same filter."""
+        return self
 
     def frames_apart(self) -> int:
         """Frames in which the share of an older sample falls to next to nothing."""
@@ -251,6 +268,10 @@ class RunningMedian:
     def for_noise(self) -> TemporalFilter:
         """One median of each m, of no common sample: seen samples have a memory."""
         return ApartMedians(self.parameter)
+
+    def with_noise(self, curve: SampleNoise | None) -> Self:  # noqa: ARG002  its samples do not depend on noise
+        """The same filter."""
+        return self
 
     def frames_apart(self) -> int:
         """Its window."""
@@ -425,6 +446,10 @@ class ApartMedians:
         """Noise is learnt from the same samples."""
         return self
 
+    def with_noise(self, curve: SampleNoise | None) -> Self:  # noqa: ARG002  its samples do not depend on noise
+        """The same filter."""
+        return self
+
     def frames_apart(self) -> int:
         """Its window."""
         return max(2, math.ceil(self.parameter))
@@ -475,14 +500,17 @@ class RunningMean:
     ----------
     parameter : float
         m, at least 2.
+    noise : SampleNoise, optional
+        That of samples. Without it each pixel's own is told by its means, and rounding hides a part of it.
 
     Raises
     ------
     ValueError
-        If it is not.
+        If m is below 2.
     """
 
     parameter: float
+    noise: SampleNoise | None = field(default=None, compare=False)
     kind: ClassVar[str] = "running_mean"
     keeps_values: ClassVar[bool] = False
     blends: ClassVar[bool] = True
@@ -520,10 +548,22 @@ class RunningMean:
         frames, *image = stored_mm.shape
         means = np.ascontiguousarray(stored_mm.reshape(frames, -1).T, dtype=np.float64)
         return (
-            samples_of_means(means, self.window, only_sure, _normal_values())
+            samples_of_means(means, self.window, only_sure, _normal_values(), self._noise_mm(means))
             .T.astype(np.float32)
             .reshape(frames, *image)
         )
+
+    def _noise_mm(self, means: FloatArray) -> FloatArray:
+        """Sd of a sample (pixel,) at the mean of the valid means (pixel, frame); 0 where it is not known."""
+        if self.noise is None:
+            return np.zeros(len(means))
+        valid = np.isfinite(means)
+        at = np.where(valid, means, 0.0).sum(axis=1) / np.maximum(valid.sum(axis=1), 1)
+        return self.noise.sigma(at)
+
+    def with_noise(self, curve: SampleNoise | None) -> Self:
+        """Samples are drawn with this noise."""
+        return replace(self, noise=curve)
 
     def rounding_mm(self, step_mm: float) -> float:  # noqa: ARG002  their rounding is integrated out
         """None: samples of rounded means are drawn with the noise of samples."""
@@ -606,6 +646,11 @@ class AveragedMedians:
     def for_noise(self) -> TemporalFilter:
         """Noise is learnt from the same samples."""
         return self
+
+    def with_noise(self, curve: SampleNoise | None) -> Self:
+        """The average has the noise of medians."""
+        of_medians = None if curve is None else curve.scaled(self.median.sd())
+        return replace(self, average=self.average.with_noise(of_medians))
 
     def frames_apart(self) -> int:
         """Those of the average, and of the samples of a median."""
@@ -693,6 +738,10 @@ class HeldValues:
 
     def for_noise(self) -> TemporalFilter:
         """Noise is learnt from the same samples."""
+        return self
+
+    def with_noise(self, curve: SampleNoise | None) -> Self:  # noqa: ARG002  its samples do not depend on noise
+        """The same filter."""
         return self
 
     def frames_apart(self) -> int:

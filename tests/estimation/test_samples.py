@@ -246,6 +246,57 @@ def test_average_of_medians_is_found() -> None:
         assert _found(over_windows(medians, window, median=False)) == AveragedMedians(RunningMean(float(window)), 3)
 
 
+@pytest.mark.parametrize(("sep_mm", "sigma_mm"), [(60.0, 12.0), (40.0, 12.0), (25.0, 8.0)])
+@pytest.mark.parametrize("median", [False, True])
+def test_filter_is_found_where_surfaces_are_a_few_sigmas_apart(sep_mm: float, sigma_mm: float, median: bool) -> None:
+    samples = _near_surfaces(sep_mm, sigma_mm)
+    before = over_windows(samples, 3, median=True) if median else samples
+    for means, average in ((averaged(before, 0.4), ExponentialAverage), (_mean_of_3(before), RunningMean)):
+        found = _found(np.rint(means))
+        if median:
+            assert isinstance(found, AveragedMedians)
+            assert found.window == 3
+            found = found.average
+        assert isinstance(found, average)
+        assert found.parameter == pytest.approx(0.4 if average is ExponentialAverage else 3.0, rel=0.1)
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.4])
+@pytest.mark.parametrize("sep_mm", [0.0, 40.0, 80.0])
+def test_noise_with_a_memory_on_dark_things_and_near_surfaces_is_no_filter(sep_mm: float, spread: float) -> None:
+    assert _found(_near_surfaces(sep_mm, 12.0, memory=0.6, spread=spread)) is None
+
+
+def test_pairs_behind_an_average_are_those_of_near_surfaces() -> None:
+    ranges = stored(averaged(_near_surfaces(60.0, 12.0), 0.4), FRAMES)
+    near = pytest.warns(DoubtWarning, match="two layers within 5 sigma of each other")
+    with near, pytest.warns(DoubtWarning, match="exponential average.*temporal filter off"):
+        found = tofmix.estimate(tofmix.from_array(ranges, units="mm"), noise="auto", workers=2)
+    mixed = found.n_modes[0][:, ::12]
+    assert (mixed == 2).mean() > 0.9
+    np.testing.assert_allclose(np.nanmedian(np.diff(found.range[0][:, ::12, :2], axis=-1)), 60.0, atol=4.0)
+    assert (found.n_modes[0] > 2).sum() <= 1
+
+
+def _near_surfaces(sep_mm: float, sigma_mm: float, *, memory: float = 0.0, spread: float = 0.0) -> FloatArray:
+    """Samples (frame, row, col) of a wall; every twelfth column sees a board before it too.
+
+    Noise is AR(1) of a memory. `spread` is that of the logarithm of the pixels' sigma.
+    """
+    rng = np.random.default_rng([20261130, int(sep_mm)])
+    shape = FRAMES + 60, 16, 36
+    noise = rng.standard_normal(shape)
+    for frame in range(1, len(noise)):
+        noise[frame] = memory * noise[frame - 1] + np.sqrt(1.0 - memory**2) * noise[frame]
+    nearer = (np.arange(shape[2]) % 12 == 0) & (rng.random(shape) < np.linspace(0.3, 0.7, shape[1])[:, None])
+    wall = 2000.0 + 2.0 * np.arange(shape[2])
+    return np.asarray(wall - sep_mm * nearer + sigma_mm * np.exp(spread * rng.standard_normal(shape[1:])) * noise)
+
+
+def _mean_of_3(samples: FloatArray) -> FloatArray:
+    return over_windows(samples, 3, median=False)
+
+
 def _shared(samples: FloatArray) -> float | None:
     return neighbour_correlation(ArrayRecording(stored(samples, FRAMES), SENSOR))
 

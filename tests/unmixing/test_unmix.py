@@ -289,6 +289,28 @@ def test_behind_a_mesh_without_a_whole_window_of_one_surface_no_mixed_pixel_is_s
         assert (layers.n_modes[mixed] == 2).mean() > 0.9
 
 
+@pytest.mark.parametrize("last", [True, False])
+def test_two_halves_of_a_slat_at_the_border_of_the_image_are_no_surface_of_their_own(last: bool) -> None:
+    rows, cols, frames = 30, 24, 40
+    share = np.zeros((rows, cols))
+    share[:2, 4:20] = 0.62  # a slat of 1.24 pixels on the border of two rows
+    share[12:20, 4:20], share[11, 4:20], share[20, 4:20] = 1.0, 0.3, 0.6  # a board, whose edges tell the law
+    row = np.indices(share.shape)[0]
+    near, far = 2300.0 + 4.0 * row, 3900.0 + 10.0 * row
+    share, near, far = (part[::-1] if last else part for part in (share, near, far))
+    rng = np.random.default_rng(6)
+    sensor = camera_of([1000.0, 6000.0], [20.0, 20.0], fov_deg=(30.0, 24.0), modulation_frequency_hz=20e6)
+    turn = 2.0 * np.pi / (299_792_458e3 / 2.0 / 20e6)
+    light = share * np.exp(1j * turn * near) + (1.0 - share) * 0.35 * np.exp(1j * turn * far)
+    noise = rng.standard_normal((2, frames, *share.shape))
+    light = 1000.0 * (light + 0.01 * (noise[0] + 1j * noise[1]))
+    samples = (np.angle(light) % (2.0 * np.pi) / turn).astype(np.float32)
+    layers = first(estimate_windows(ArrayRecording(samples, sensor, amplitude=np.abs(light).astype(np.float32))))
+    away = np.minimum(np.abs(layers.range - near[..., np.newaxis]), np.abs(layers.range - far[..., np.newaxis]))
+    assert ((layers.probability > 0.5) & (away > 100.0)).sum() == 0
+    assert (layers.n_modes[share == 1.0] == 1).all()
+
+
 def test_settings_bound_the_share_of_sums_that_is_unmixed(sums: Scene) -> None:
     layers = first(estimate_windows(sums.recording, EVENTS))
     everything = slice(None), slice(None)

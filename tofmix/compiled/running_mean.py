@@ -24,12 +24,14 @@ _NARROW = 0.5  # of the noise that differences give
 
 
 @jit
-def samples_of_means(means: FloatArray, window: int, only_sure: bool, normal: FloatArray) -> FloatArray:
+def samples_of_means(
+    means: FloatArray, window: int, only_sure: bool, normal: FloatArray, noise: FloatArray
+) -> FloatArray:
     """Samples (pixel, frame) of running means (pixel, frame) over `window` frames; NaN where they are not known.
 
     A run of valid means is solved by itself. It is unknown if it is short, and with `only_sure` if its samples are more
     probably others. `normal` (n,) are standard normal values, from which rounded samples are drawn: those from a place
-    on that the means give.
+    on that the means give. `noise` (pixel,) is the sd of a sample, 0 where it is not known.
     """
     pixels, frames = means.shape
     out = np.full((pixels, frames), np.nan)
@@ -39,14 +41,14 @@ def samples_of_means(means: FloatArray, window: int, only_sure: bool, normal: Fl
         for t in range(frames + 1):
             if t == frames or not math.isfinite(means[pixel, t]):
                 if t - first >= least_windows * window:
-                    _solve(means[pixel, first:t], window, out[pixel, first:t], only_sure, normal)
+                    _solve(means[pixel, first:t], window, out[pixel, first:t], only_sure, normal, noise[pixel])
                 first = t + 1
     return out
 
 
 @jit
-def _solve(means: FloatArray, m: int, out: FloatArray, only_sure: bool, normal: FloatArray) -> None:
-    """Fill `out` with the samples of a run of means."""
+def _solve(means: FloatArray, m: int, out: FloatArray, only_sure: bool, normal: FloatArray, noise_mm: float) -> None:
+    """Fill `out` with the samples of a run of means; `noise_mm` is 0 where it is not known."""
     n = len(means)
     for t in range(n):
         out[t] = 0.0 if t < m else out[t - m] + m * (means[t] - means[t - 1])
@@ -88,7 +90,8 @@ def _solve(means: FloatArray, m: int, out: FloatArray, only_sure: bool, normal: 
     for t in range(n):
         out[t] += shift
     if matters:
-        _draw(means, m, out, own, max(sigma, own), rounding, normal)
+        near = max(sigma, own)
+        _draw(means, m, out, own if noise_mm <= 0.0 else noise_mm, near, rounding, normal, noise_mm > 0.0)
 
 
 @jit
@@ -333,18 +336,26 @@ def _step(means: FloatArray) -> float:
 
 @jit
 def _draw(
-    means: FloatArray, m: int, out: FloatArray, own: float, sigma: float, rounding: float, normal: FloatArray
+    means: FloatArray,
+    m: int,
+    out: FloatArray,
+    own: float,
+    sigma: float,
+    rounding: float,
+    normal: FloatArray,
+    is_known: bool,
 ) -> None:
     """Draw the samples of a run of rounded means, near those that are given, of some noise (`own`) about surfaces.
 
-    `sigma` is the noise of the given samples, which their rounding adds to. Each chain keeps its likeliest mean. The
-    noise is the likeliest, by expectation-maximisation.
+    `sigma` is the noise of the given samples, which their rounding adds to. Each chain keeps its likeliest mean. Where
+    the noise is not known, it is the likeliest, by expectation-maximisation: the scatter of drawn samples then differs
+    more between runs than that of samples does.
     """
     n = len(out)
     surface, found, error, sums = np.empty(n), np.empty(n), np.empty(n), m * means
     near = 2.0 * sigma
     noises, rounds = 4, 4  # of the noise; of surfaces and samples in turn
-    for _ in range(noises):
+    for _ in range(1 if is_known else noises):
         factor = _factor(n, m, own, rounding)
         for _ in range(rounds):
             _fill_surfaces(out, near, surface)
@@ -352,7 +363,8 @@ def _draw(
             out[:] = found
             near = max(own, 0.7 * near)
         _fill_errors(means, m, own, rounding, factor, normal, error)
-        own = math.sqrt(((out - surface) ** 2).mean() + (error * error).mean())
+        if not is_known:
+            own = math.sqrt(((out - surface) ** 2).mean() + (error * error).mean())
     for c in range(m):
         out[c::m] += error[c::m] - error[c::m].mean()
 

@@ -4,7 +4,8 @@
 and the median before it. Its inverse must leave samples of one surface as dependent as running medians are, or
 independent without a median; and it must explain samples better than noise with a memory does, and than independent
 samples. Both are judged by mixtures of Gaussians, of the sigma that pixels of one surface have: after a jump, noise
-with a memory goes on, and a filter has forgotten it.
+with a memory goes on, and a filter has forgotten it. A further rival is noise with a memory that is larger in a pixel
+of one surface, as on dark things: it spreads as near surfaces do.
 """
 
 import math
@@ -16,7 +17,13 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.compiled.vector import MAD_TO_SIGMA
-from tofmix.temporal_filter import AveragedMedians, ExponentialAverage, RunningMean, TemporalFilter
+from tofmix.temporal_filter import (
+    AveragedMedians,
+    ExponentialAverage,
+    RunningMean,
+    RunningMedian,
+    TemporalFilter,
+)
 
 
 class Samples(NamedTuple):
@@ -48,9 +55,14 @@ class Trial(NamedTuple):
     median: int
 
     @property
+    def has_jumps(self) -> bool:
+        """Whether the average takes jumps at once."""
+        return isinstance(self.average, ExponentialAverage) and self.average.resets
+
+    @property
     def is_simple(self) -> bool:
         """Whether it is an average alone."""
-        return self.median == 1 and not (isinstance(self.average, ExponentialAverage) and self.average.resets)
+        return self.median == 1 and not self.has_jumps
 
     @property
     def found(self) -> TemporalFilter:
@@ -60,21 +72,22 @@ class Trial(NamedTuple):
 
 def composed_filter(
     samples: Samples,
-    exact: Callable[[float], ExponentialAverage | None],
+    exact: Callable[[float], ExponentialAverage | None] | None,
     *,
     medians: tuple[int, ...],
     means: tuple[int, ...],
     tolerance: float,
     agreeing: float,
 ) -> TemporalFilter | None:
-    """The filter of the samples, if it is composed; None where none, or a simple one, explains them best.
+    """The filter that explains samples best; None where none does, or a simple one that other samples tell better.
 
     Parameters
     ----------
     samples : Samples
         Of some pixels of each kind, without lost ones.
-    exact : callable
+    exact : callable or None
         The average without jumps that explains pixels of several surfaces best, near some share of the new sample.
+        None where surfaces are so near that their noise tells it better; simple filters are then found here, too.
     medians, means : tuple of int
         Windows that are tried.
     tolerance : float
@@ -87,17 +100,27 @@ def composed_filter(
     trials = list(_trials(some, exact, medians, means, tolerance))
     if not trials:
         return None
-    best = _refined(max(trials, key=lambda trial: float(_explained(trial, some).mean())), samples)
-    if best.is_simple:
+    score = {trial: float(_explained(trial, some).mean()) for trial in trials}
+    rivals = _rivals(samples)
+    without = [trial for trial in score if not trial.has_jumps]
+    plain = max(without, key=score.__getitem__) if without else None
+    best = _refined(max(score, key=score.__getitem__), samples)
+    if best.has_jumps:
+        others = rivals if plain is None else np.maximum(rivals, _explained(plain, samples))
+        if _explains(best, samples, others, np.asarray(_jumps(best, samples).any(axis=1)), agreeing):
+            return best.found
+    if plain is None or (plain.is_simple and exact is not None):
         return None
-    gain = _explained(best, samples) - _rivals(samples)
-    resets = isinstance(best.average, ExponentialAverage) and best.average.resets
-    telling = _jumps(best, samples).any(axis=1) if resets else samples.is_wide
-    gain = gain[telling]
-    least_sds = 4.0  # of the mean gain over the rivals: it is the largest of some hundred trials
+    return plain.found if _explains(plain, samples, rivals, samples.is_wide, agreeing) else None
+
+
+def _explains(trial: Trial, samples: Samples, rivals: FloatArray, telling: BoolArray, agreeing: float) -> bool:
+    """Whether telling pixels (pixel,) are explained better than by rivals (pixel,), beyond chance."""
+    gain = (_explained(trial, samples) - rivals)[telling]
+    few, least_sds = 8, 4.0  # pixels that may show a filter; of the mean gain: it is the largest of some hundred trials
     if len(gain) < few or np.mean(gain > 0.0) < agreeing:
-        return None
-    return best.found if gain.mean() > least_sds * gain.std() / math.sqrt(len(gain)) else None
+        return False
+    return bool(gain.mean() > least_sds * gain.std() / math.sqrt(len(gain)))
 
 
 def _jumps(trial: Trial, samples: Samples) -> BoolArray:
@@ -110,7 +133,7 @@ def _jumps(trial: Trial, samples: Samples) -> BoolArray:
 
 def _trials(
     samples: Samples,
-    exact: Callable[[float], ExponentialAverage | None],
+    exact: Callable[[float], ExponentialAverage | None] | None,
     medians: tuple[int, ...],
     means: tuple[int, ...],
     tolerance: float,
@@ -140,8 +163,11 @@ def _trials(
             continue
         if isinstance(average, RunningMean) or average.resets:
             yield fit.trial
-        elif (precise := exact(average.parameter)) is not None:
-            yield Trial(precise, window)
+            continue
+        if exact is not None and (precise := exact(average.parameter)) is not None:
+            yield _fit(precise, calm, windows, samples.step_mm).trial
+        if fit.off <= min(least[window], min(least.values()) + alike) and (exact is None or window > 1):
+            yield _by_correlation(fit, calm, windows, samples.step_mm)
 
 
 class _Fit(NamedTuple):
@@ -165,6 +191,13 @@ def _fit(average: ExponentialAverage | RunningMean, calm: FloatArray, windows: t
     }
     window = min(off, key=off.__getitem__)
     return _Fit(Trial(average, window), off[window])
+
+
+def _by_correlation(fit: _Fit, calm: FloatArray, windows: tuple[int, ...], step_mm: float) -> Trial:
+    """The trial with the share of the new sample near its own that suits the correlations best."""
+    near = fit.trial.average.parameter * np.geomspace(0.93, 1.07, 15)  # to the next shares that are tried, in 1 %
+    fits = [fit, *(_fit(ExponentialAverage(share), calm, windows, step_mm) for share in near.tolist() if share < 1.0)]
+    return min((one for one in fits if one.trial.median == fit.trial.median), key=lambda one: one.off).trial
 
 
 def _two_digits(value: float) -> float:
@@ -254,20 +287,64 @@ def _explained(trial: Trial, samples: Samples) -> FloatArray:
     nats = np.full(len(undone), -math.inf)
     if known[~samples.is_wide].any():
         sigma = _sigma(undone[known], samples.noise[known], samples.is_wide[known])
-        nats[known] = _of_mixture(undone[known], sigma) - slope[known]
+        nats[known] = _of_medians(trial, undone[known], sigma, samples.step_mm).mean(axis=1) - slope[known]
     return np.where(np.isfinite(nats), nats, np.min(nats, where=np.isfinite(nats), initial=-20.0))
 
 
+def _of_medians(trial: Trial, medians: FloatArray, sigma: FloatArray, step_mm: float) -> FloatArray:
+    """Log density (pixel, n) of medians (pixel, n) by a mixture, or as the same sample as the one before.
+
+    Ranges that differ by the rounding of the inverse are the same sample.
+    """
+    nats = _fitted(medians, sigma)[2]
+    if trial.median == 1:
+        return nats
+    least_part = 0.02  # of the noise: the inverse is not exact
+    same = np.maximum(math.sqrt(2.0) * _rounding_mm(trial.average, step_mm), least_part * sigma)[:, np.newaxis]
+    z = np.diff(medians, axis=1) / same
+    again = -0.5 * z * z - np.log(math.sqrt(2.0 * math.pi) * same)
+    share = RunningMedian(float(trial.median)).tie(1)
+    nats[:, 1:] = np.logaddexp(math.log(share) + again, math.log(1.0 - share) + nats[:, 1:])
+    return nats
+
+
+def _rounding_mm(average: ExponentialAverage | RunningMean, step_mm: float) -> float:
+    """Sd of undone values by the rounding of stored ones; of a mean, about that of one change along a chain."""
+    if isinstance(average, RunningMean):
+        return average.window * step_mm / math.sqrt(12.0)
+    return average.rounding_mm(step_mm)
+
+
 def _rivals(samples: Samples) -> FloatArray:
-    """Mean log density (pixel,) by independent samples, by noise with a memory, or by ranges that wander; the best."""
+    """Mean log density (pixel,) by other reasons for the samples; the best.
+
+    They are independent, their noise has a memory, their ranges wander, or noise with a memory is a pixel's own.
+    """
     stored, noise, is_wide = samples.stored, samples.noise, samples.is_wide
     sigma = _sigma(stored, noise, is_wide)
     memory = _correlation(stored[~is_wide], 1)
     from_surface = stored - _surface(stored, sigma)
     goes_on = stored[:, 1:] - memory * from_surface[:, :-1]
     wanders = np.diff(stored, axis=1)
-    kinds = (stored[:, 1:], goes_on, wanders)
-    return np.asarray(np.max([_of_mixture(kind, _sigma(kind, noise, is_wide)) for kind in kinds], axis=0))
+    kinds = [_of_mixture(kind, _sigma(kind, noise, is_wide)) for kind in (stored[:, 1:], goes_on, wanders)]
+    return np.asarray(np.max([*kinds, _of_own_noise(stored, memory, is_wide)], axis=0))
+
+
+def _of_own_noise(stored: FloatArray, memory: float, is_wide: BoolArray) -> FloatArray:
+    """Mean log density (pixel,) of samples of one surface each, whose noise is that of the others times a factor.
+
+    A mixture of three surfaces has three numbers more, which explain something of any samples (Schwarz 1978).
+    """
+    away = stored - stored.mean(axis=1, keepdims=True)
+    new = away[:, 1:] - memory * away[:, :-1]
+    scale = np.maximum(MAD_TO_SIGMA * np.median(np.abs(new), axis=1, keepdims=True), 1e-9)
+    edges, floor = np.linspace(-8.0, 8.0, 81), 1e-5  # of the density of others, in their sds
+    density = np.maximum(np.histogram((new / scale)[~is_wide], bins=edges, density=True)[0], floor)
+    further, best = 1.5 * math.log(new.shape[1]) / new.shape[1], np.full(len(new), -math.inf)
+    for factor in np.geomspace(0.8, 1.25, 7):  # about the scale that the median tells
+        cell = np.clip(np.searchsorted(edges, new / (factor * scale)) - 1, 0, len(density) - 1)
+        best = np.maximum(best, (np.log(density[cell]) - np.log(factor * scale)).mean(axis=1))
+    return np.asarray(best + further)
 
 
 def _sigma(values: FloatArray, noise: FloatArray, is_wide: BoolArray) -> FloatArray:

@@ -104,8 +104,9 @@ class FilterSettings(NamedTuple):
         Fewest frames, and fewest wide pixels that may show a linear filter.
     valid : float
         Least share of valid samples of a pixel.
-    wide : float
-        Spread of a wide pixel, in spreads of the pixels of its range.
+    wide, near : float
+        Spread of a wide pixel, in spreads of the pixels of its range; of one that may see near surfaces, where few are
+        wide.
     least_correlation, correlation_tolerance : float
         Least correlation of a filter from frame to frame, in both kinds of pixels; difference between the two that
         their means, which are removed, and rounding explain.
@@ -127,6 +128,7 @@ class FilterSettings(NamedTuple):
     least_pixels: Count = 8
     valid: Share = 0.9
     wide: Factor = 4.0
+    near: Factor = 1.5
     least_correlation: Share = 0.1
     correlation_tolerance: Share = 0.2
     undone_tolerance: Share = 0.15
@@ -283,14 +285,24 @@ def _returns(stored: FloatArray, lag: int) -> float:
 
 
 def _composed(stored: FloatArray, settings: FilterSettings) -> TemporalFilter | None:
-    """The average that takes jumps at once, or that of medians, of samples (pixel, frame)."""
+    """The average that takes jumps at once, or that of medians, of samples (pixel, frame).
+
+    Where few pixels are wide, those that see near surfaces tell the filter, also an average or a mean alone.
+    """
     low, middle, high = _quantiles(stored, (0.05, 0.5, 0.95))
     spread = high - low
     noise = _noise_of_range(middle, spread)
     whole = np.isfinite(stored).all(axis=1) & (noise > 0.0)
     wide, calm = (np.flatnonzero(whole & part) for part in (spread > settings.wide * noise, spread <= 2.0 * noise))
-    if len(calm) < settings.least_pixels or _correlation(stored[calm], 1) < settings.least_correlation:
+    if len(calm) < settings.least_pixels or (memory := _correlation(stored[calm], 1)) < settings.least_correlation:
         return None
+    if is_near := len(wide) < settings.least_pixels:
+        new = stored[:, 1:] - memory * stored[:, :-1]  # their spread has more independent values
+        low, high = _quantiles(new, (0.05, 0.95))
+        broad = high - low > settings.near * _noise_of_range(middle, high - low)
+        wide, calm = np.flatnonzero(whole & broad), np.flatnonzero(whole & ~broad)
+        if min(len(wide), len(calm)) < settings.least_pixels:
+            return None
     chosen = np.concatenate([part[_few(len(part), settings)] for part in (wide, calm)])
     return composed_filter(
         Samples(
@@ -299,9 +311,9 @@ def _composed(stored: FloatArray, settings: FilterSettings) -> TemporalFilter | 
             is_wide=np.arange(len(chosen)) < min(len(wide), 8 * settings.least_pixels),
             steps=np.sort(np.abs(np.diff(stored[whole], axis=1)).ravel()),
             step_mm=quantisation_step(stored[calm].astype(np.float32)),
-            calm=stored[calm[:: max(1, len(calm) // (16 * settings.least_pixels))]],
+            calm=stored[calm[:: max(1, len(calm) // ((64 if is_near else 16) * settings.least_pixels))]],
         ),
-        lambda share: _exponential(stored[wide], noise[wide], 1.0 - share, settings),
+        None if is_near else lambda share: _exponential(stored[wide], noise[wide], 1.0 - share, settings),
         medians=settings.windows,
         means=settings.mean_windows,
         tolerance=settings.undone_tolerance,

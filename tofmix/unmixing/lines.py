@@ -146,12 +146,19 @@ def _is_between(
 ) -> BoolArray:
     """Whether both neighbours of pixels (n,) along an axis see some of the pixel's surface.
 
-    If both are mixtures, the pixel itself must not be one of the two surfaces beyond, as on a blurred edge.
+    If both are mixtures, the pixel itself must not be one of the two surfaces beyond, as on a blurred edge. At the
+    image's border the one neighbour agrees with the pixel, and the next one sees some of it: else both may be halves of
+    a narrower thing.
     """
     sees, agrees, exists, beyond = zip(
         *(_see_some(image, seeds, mixtures, pixels, axis, side, settings) for side in (-1, 1)), strict=True
     )
-    both = (sees[0] & sees[1]) | (~exists[0] & agrees[1]) | (~exists[1] & agrees[0])
+    both = sees[0] & sees[1]
+    stride = image.shape[1] if axis == 0 else 1
+    for side, outer, opposite in ((-1, 0, 1), (1, 1, 0)):
+        last = np.flatnonzero(~exists[outer] & agrees[opposite])
+        beside = pixels[last] - side * stride
+        both[last] = _see_some(image, seeds, mixtures, beside, axis, -side, settings)[0]
     chord = np.flatnonzero(both & (beyond[0] >= 0) & (beyond[1] >= 0))
     share, error, fits = _on_chord(image, seeds, pixels[chord], beyond[0][chord], beyond[1][chord], settings)
     inner = settings.agree_sigmas * error
