@@ -159,11 +159,9 @@ def _flight(path: Path, speed_mm_s: float, *, zones: int = 8, frames: int = 72) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("speed_mm_s", [-200.0, 350.0])
-def test_motion_that_began_before_the_reference_is_named_with_its_speed(
-    tofmix: Tofmix, tmp_path: Path, speed_mm_s: float
-) -> None:
-    """Within the reference of 16 frames the wall moves by 17 and 29 sigma, and by 60 to 110 after it."""
+def test_motion_that_began_before_the_reference_is_named_with_its_speed(tofmix: Tofmix, tmp_path: Path) -> None:
+    """Within the reference of 16 frames the wall moves by 17 sigma, and by 60 after it."""
+    speed_mm_s = -200.0
     recording, folder = _flight(tmp_path / "a.h5", speed_mm_s), tmp_path / "gap"
     shown = tofmix("reconcile", "--self=16", recording, "-o", folder)
     assert shown.code == 0, shown.err

@@ -1,6 +1,5 @@
 """Kept code is found where it may be read, and made again where it is stale; who is told of compiling; vectors."""
 
-import ast
 import logging
 import os
 import shutil
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.measured import coverage_environment
-from support.modules import MODULES, nodes
+from support.modules import MODULES
 
 import tofmix
 from tofmix.compiled import kept, watching
@@ -67,13 +66,8 @@ def test_a_change_in_a_called_kernel_reaches_its_callers(tmp_path: Path) -> None
 
 
 @pytest.mark.compiled("there is nothing to keep")
-@pytest.mark.slow
 def test_every_module_with_a_kernel_is_in_the_key() -> None:
-    has_jit = [
-        module
-        for module in MODULES
-        if any(isinstance(node, ast.ImportFrom) and node.module == "tofmix.compiled.jit" for node in nodes(module))
-    ]
+    has_jit = [module for module in MODULES if "\nfrom tofmix.compiled.jit import" in module.read_text()]
     assert len(has_jit) > 50
     assert set(has_jit) <= set(kept.kernel_files())
 
@@ -113,7 +107,7 @@ def test_a_damaged_or_foreign_file_is_compiled_again(tmp_path: Path) -> None:
     [path] = _files(folder)
     whole = path.read_bytes()
     foreign = kept._HEADER + kept._CHECKSUM(b"\x80\x04N.").digest() + b"\x80\x04N."  # a pickle of None
-    for content in (b"", b"damaged", whole[:-1], whole[:-1] + b"\0", foreign):
+    for content in (b"", whole[:-1] + b"\0", foreign):
         path.write_bytes(content)
         assert _run(SCRIPT, environment) == ("42\n", f"tofmix: {FIRST_RUN}\n")
         assert len(path.read_bytes()) == len(whole)
