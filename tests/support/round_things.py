@@ -17,7 +17,7 @@ import tofmix as tm
 from support.counts import counted_layers
 from tofmix.layers import Layers
 from tofmix.optics.pinhole import Pinhole
-from tofmix.sensor import Sensor
+from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 
 FREQUENCY_HZ = 20e6
 CIRCLE_MM = 299_792_458e3 / (2 * FREQUENCY_HZ)
@@ -175,6 +175,8 @@ class Scene:
     range_mm: Floats
     """(thing, row, col) float64. `share`, `range_mm`: share of the parts of a pixel that see each thing, and their mean
     range; NaN without any."""
+    noise: NoiseCurve
+    """As it was drawn: sigma is inversely proportional to amplitude."""
 
 
 def render(
@@ -217,6 +219,11 @@ def render(
         recording=tm.from_array(range_mm, units="mm", sensor=CAMERA, amplitude=np.abs(samples)),
         share=share,
         range_mm=truth,
+        noise=NoiseCurve(
+            np.array([nearest]),
+            np.array([noise_mm]),
+            law=AmplitudeLaw(np.array([middle]), middle * np.array([0.01, 100.0]), np.array([100.0, 0.01])),
+        ),
     )
 
 
