@@ -76,15 +76,6 @@ def test_a_reference_that_does_not_exist_is_refused_with_what_may_be_one(tofmix:
     assert "model" not in shown.err
 
 
-def test_a_recording_has_its_own_frame_rate_and_its_part_no_command(tofmix: Tofmix, tmp_path: Path) -> None:
-    """The usual step of its later frames is longer by a twentieth than that of all."""
-    recording = SAMPLES / "tmf8829_edge.h5"
-    shown = tofmix("reconcile", "--self", recording, "-o", tmp_path / "gap", "--effects", "motion", "--max-effects", 1)
-    assert "its first 8 frames: 5.1 % of the pixels have two layers within 5 sigma" in shown.err
-    assert "frame_rate_hz" not in shown.err
-    assert "tofmix estimate" not in shown.err
-
-
 def test_self_takes_one_recording(tofmix: Tofmix, tmp_path: Path) -> None:
     recording = _zone(tmp_path / "a.h5", 500.0)
     assert tofmix("reconcile", "--self=0.5", recording, recording, "-o", tmp_path / "gap").code == 2

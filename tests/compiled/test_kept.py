@@ -75,7 +75,7 @@ def test_every_module_with_a_kernel_is_in_the_key() -> None:
 @pytest.mark.compiled("there is nothing to keep")
 def test_code_lies_beside_the_package_so_that_its_removal_leaves_nothing_to_import(tmp_path: Path) -> None:
     package, environment = _copied_package(tmp_path), _environment(tmp_path)
-    _run(PROGRAM, environment)
+    _run(SCRIPT, environment)
     assert _files(tmp_path / "__pycache__")
     assert not _files(package)
     assert not list(tmp_path.rglob("*.nbi"))  # numba's own cache keeps nothing
@@ -90,11 +90,11 @@ def test_a_second_run_compiles_nothing_where_only_a_temporary_folder_can_be_writ
     temporary = tmp_path / "tmp"
     temporary.mkdir()
     environment = _environment(tmp_path, HOME="/proc/none", TMPDIR=str(temporary), PYTHONDONTWRITEBYTECODE="1")
-    first = _run(PROGRAM, environment)
+    first = _run(SCRIPT, environment)
     compiled = _files(temporary)
     assert compiled
     assert FIRST_RUN in first[1]
-    assert _run(PROGRAM, environment) == (first[0], "")
+    assert _run(SCRIPT, environment) == (first[0], "")
     assert _files(temporary) == compiled
 
 

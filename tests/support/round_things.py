@@ -203,7 +203,7 @@ def render(
     draw = np.random.default_rng(seed)
     phasor, share, truth = _seen(things, reflectivity, power, _of_pixels(INNER_PARTS))
     mixed = (share.max(axis=0) < 1.0).reshape(ROWS, COLS)
-    limb = ndimage.binary_dilation(mixed, np.ones((3, 3))).ravel()
+    limb = ndimage.binary_dilation(mixed, np.ones((3, 3), np.bool_)).ravel()
     phasor[limb], share[:, limb], truth[:, limb] = _seen(things, reflectivity, power, _of_pixels(PARTS)[limb])
     share, truth = (one.reshape(-1, ROWS, COLS) for one in (share, truth))
     phasor = phasor.reshape(ROWS, COLS) * np.exp(texture * draw.standard_normal((ROWS, COLS)))
