@@ -107,7 +107,9 @@ def test_a_damaged_or_foreign_file_is_compiled_again(tmp_path: Path) -> None:
     [path] = _files(folder)
     whole = path.read_bytes()
     foreign = kept._HEADER + kept._CHECKSUM(b"\x80\x04N.").digest() + b"\x80\x04N."  # a pickle of None
-    for content in (b"", whole[:-1] + b"\0", foreign):
+    middle = len(whole) // 2
+    changed = whole[:middle] + bytes([whole[middle] ^ 255]) + whole[middle + 1 :]
+    for content in (b"", changed, foreign):
         path.write_bytes(content)
         assert _run(SCRIPT, environment) == ("42\n", f"tofmix: {FIRST_RUN}\n")
         assert len(path.read_bytes()) == len(whole)
