@@ -130,7 +130,7 @@ def test_held_values_are_no_median(share: float, step_mm: float) -> None:
     samples = held(Scene(SHAPE, 2).draw(FRAMES), share)
     found = _found(np.round(samples / step_mm) * step_mm if step_mm else samples)
     assert isinstance(found, HeldValues)
-    assert found.parameter == pytest.approx(share, abs=0.02)
+    assert found.parameter == pytest.approx(share, abs=0.01)
 
 
 @pytest.mark.parametrize("steps", [0.0, 0.5, 2.0])
