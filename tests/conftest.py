@@ -1,5 +1,6 @@
 """Fixtures and helpers that several folders of tests share."""
 
+import functools
 import os
 import sys
 import sysconfig
@@ -101,6 +102,15 @@ def _twins() -> Iterator[None]:
 def rng() -> np.random.Generator:
     """A generator with a fixed seed."""
     return np.random.default_rng(20080922)
+
+
+@pytest.fixture
+def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Thresholds from a few hundred draws a cell: near enough where none is asked to hold a promise."""
+    from tofmix.estimation.learnt.bootstrap import calibrate
+
+    fewer = functools.partial(calibrate, draws=300)
+    monkeypatch.setattr("tofmix.estimation.learnt.recordings.known_thresholds", fewer)
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 # Installations and surroundings that users have: each function is one, and prints what came out.
 # Usage: tests/installs.sh [NAME...]; without a name, all that this machine has the interpreters and rights for.
 # Each takes the installed tofmix of the active environment, but those that make an environment of their own.
-# .ci/run runs `unprivileged`, `nowhere_to_write` and `closed_streams`.
+# .ci/run runs `unprivileged` and `nowhere_to_write`.
 set -euo pipefail
 top=$(cd "$(dirname "$0")/.." && pwd)
 work=$(mktemp -d)
@@ -11,7 +11,7 @@ trap 'rm -rf "$work"' EXIT
 sample="$top/sample_data/three_boards.h5"
 
 containers=(unprivileged nowhere_to_write)
-installs=(closed_streams uninstalled too_old_python wheel_with_extra checkout_with_extra other_pythons)
+installs=(uninstalled too_old_python wheel_with_extra checkout_with_extra other_pythons)
 
 fail() { echo "FAULT: $*"; exit 1; }
 
@@ -69,18 +69,6 @@ nowhere_to_write() {  # nothing can be written but the output's folder: compiled
 }
 
 # --- installs
-
-closed_streams() {  # daemons and cron
-  local sample="$top/sample_data/tmf8829_edge.h5"  # a small one: what it holds does not matter here
-  for closed in '2>&-' '>&-' '>&- 2>&- <&-'; do
-    echo "tofmix estimate $closed"
-    bash -c "tofmix estimate '$sample' -o '$work/closed.h5' --overwrite $closed" > /dev/null 2>&1 || fail "$closed: exit $?"
-    tofmix verify "$work/closed.h5" --quiet
-  done
-  tofmix report "$work/closed.h5" >&- || fail "report >&-: exit $?"
-  code=0; said=$(tofmix estimate - <&- 2>&1) || code=$?
-  echo "$said"; [ "$code" = 2 ] || fail "estimate - <&-: exit $code"
-}
 
 uninstalled() {  # nothing is left that could be imported
   python3 -m venv "$work/uninstalled"

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from support.commandline import succeed
 from support.files import boards, write_recording
 from support.modules import MODULES, PACKAGE, nodes, tree
 
@@ -312,20 +313,15 @@ def _run(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("closed", ["2>&-", ">&-", "<&-", ">&- 2>&- <&-"])
-def test_outputs_are_whole_with_closed_streams(closed: str, tmp_path: Path) -> None:
-    write_recording(tmp_path / "a.h5", boards(40))
-    assert _run("TOFMIX estimate a.h5 -o open.h5", tmp_path).returncode == 0
-    done = _run(f"TOFMIX estimate a.h5 -o closed.h5 {closed}", tmp_path)
-    assert (done.returncode, "Traceback" in done.stderr) == (0, False)
-    assert (tmp_path / "closed.h5").read_bytes() == (tmp_path / "open.h5").read_bytes()
-
-
-@pytest.mark.slow
-def test_a_report_without_stdout_and_a_refusal_without_stderr_end_with_their_codes(tmp_path: Path) -> None:
-    write_recording(tmp_path / "a.h5", boards(40))
-    assert _run("TOFMIX estimate a.h5 -o a.layers.h5", tmp_path).returncode == 0
-    assert _run("TOFMIX report a.layers.h5 >&-", tmp_path).returncode == 0
+def test_outputs_are_whole_and_codes_the_same_with_closed_streams(tmp_path: Path) -> None:
+    succeed("estimate", write_recording(tmp_path / "a.h5", boards(40)), "-o", tmp_path / "open.h5")
+    whole = (tmp_path / "open.h5").read_bytes()
+    for closed in ("2>&-", ">&-", "<&-", ">&- 2>&- <&-"):
+        done = _run(f"TOFMIX estimate a.h5 -o closed.h5 --overwrite {closed}", tmp_path)
+        assert (done.returncode, "Traceback" in done.stderr) == (0, False), closed
+        assert (tmp_path / "closed.h5").read_bytes() == whole, closed
+        (tmp_path / "closed.h5").unlink()
+    assert _run("TOFMIX report open.h5 >&-", tmp_path).returncode == 0
     assert _run("TOFMIX report none.h5 2>&-", tmp_path).returncode == ExitCode.BAD_INPUT
 
 

@@ -284,24 +284,31 @@ def test_unknown_variable_is_said_in_one_line_and_the_command_runs(
 
 @pytest.mark.slow
 def test_file_names_that_are_no_utf_8_are_read_and_written(tmp_path: Path) -> None:
+    """One process runs all commands; the name comes to it as the shell gives it."""
     name = b"m\xfcll".decode("utf-8", "surrogateescape")
     np.save(tmp_path / "a.npy", np.rint(np.random.default_rng(1).normal(1500.0, 4.0, (30, 3, 4))).astype("u2"))
     (tmp_path / "a.npy").rename(tmp_path / f"{name}.npy")
-    strict = os.environ | {"PYTHONIOENCODING": "utf-8:strict"}  # as in a terminal of UTF-8
-    for arguments in (
-        ("import", f"{name}.npy", "-o", f"{name}.h5", "--fov", "40x30"),
-        ("estimate", f"{name}.h5"),
-        ("verify", f"{name}.h5", f"{name}.layers.h5"),
-        ("info", f"{name}.layers.h5"),
-        ("report", f"{name}.layers.h5", "--recording", f"{name}.h5", "--html", f"{name}.html"),
-        ("export", f"{name}.layers.h5", "-o", f"{name}.ply"),
-        ("compare", f"{name}.layers.h5", f"{name}.layers.h5", "--html", f"{name}-twice.html"),
-        ("map", f"{name}.layers.h5", "-o", f"{name}.yaml"),
-    ):
-        done = subprocess.run(
-            [sys.executable, "-m", "tofmix", *arguments], cwd=tmp_path, env=strict, capture_output=True, check=False
-        )
-        assert done.returncode == 0, done.stderr
+    commands = """
+        import NAME.npy -o NAME.h5 --fov 40x30
+        estimate NAME.h5
+        verify NAME.h5 NAME.layers.h5
+        info NAME.layers.h5
+        report NAME.layers.h5 --recording NAME.h5 --html NAME.html
+        export NAME.layers.h5 -o NAME.ply
+        compare NAME.layers.h5 NAME.layers.h5 --html NAME-twice.html
+        map NAME.layers.h5 -o NAME.yaml
+    """
+    program = (
+        "import sys\nfrom support.commandline import succeed\n"
+        "for line in sys.argv[1].strip().splitlines():\n    succeed(*line.replace('NAME', sys.argv[2]).split())\n"
+    )
+    here = os.pathsep.join(str(Path(__file__).parents[up]) for up in (1, 2))
+    strict = os.environ | {"PYTHONIOENCODING": "utf-8:strict", "PYTHONPATH": here}  # as in a terminal of UTF-8
+    done = subprocess.run(
+        [sys.executable, "-c", program, commands, name], cwd=tmp_path, env=strict, capture_output=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert len(list(tmp_path.glob(f"{name}*"))) > 6
 
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -138,7 +138,10 @@ def test_folder_holds_gap_report_and_a_model_that_runs(
 def begun(files: tuple[Path, Path], folder: Path) -> "subprocess.Popen[str]":
     """A process of `reconcile --trace` that has weighed three sets."""
     command = [sys.executable, "-m", "tofmix", "reconcile", *map(str, files), "-o", str(folder), "--trace"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    kinds = "fixed_pattern,range_offset,surface_pose,wiggling,amplitude_walk,excess_noise"
+    process = subprocess.Popen(
+        [*command, "--effects", kinds], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     assert process.stderr is not None
     lines: list[str] = []
     while sum(" nats  " in line for line in lines) < 3:

@@ -76,15 +76,6 @@ def test_a_reference_that_does_not_exist_is_refused_with_what_may_be_one(tofmix:
     assert "model" not in shown.err
 
 
-def test_a_recording_has_its_own_frame_rate_and_its_part_no_command(tofmix: Tofmix, tmp_path: Path) -> None:
-    """The usual step of its later frames is longer by a twentieth than that of all."""
-    recording = SAMPLES / "tmf8829_edge.h5"
-    shown = tofmix("reconcile", "--self", recording, "-o", tmp_path / "gap", "--effects", "motion", "--max-effects", 1)
-    assert "its first 8 frames: 5.1 % of the pixels have two layers within 5 sigma" in shown.err
-    assert "frame_rate_hz" not in shown.err
-    assert "tofmix estimate" not in shown.err
-
-
 @pytest.mark.slow
 def test_what_moves_unevenly_within_the_reference_too_has_its_speed_and_its_own_noise(
     tofmix: Tofmix, tmp_path: Path
@@ -184,11 +175,9 @@ def _flight(path: Path, speed_mm_s: float, *, zones: int = 8, frames: int = 72) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("speed_mm_s", [-200.0, 350.0])
-def test_motion_that_began_before_the_reference_is_named_with_its_speed(
-    tofmix: Tofmix, tmp_path: Path, speed_mm_s: float
-) -> None:
-    """Within the reference of 16 frames the wall moves by 17 and 29 sigma, and by 60 to 110 after it."""
+def test_motion_that_began_before_the_reference_is_named_with_its_speed(tofmix: Tofmix, tmp_path: Path) -> None:
+    """Within the reference of 16 frames the wall moves by 17 sigma, and by 60 after it."""
+    speed_mm_s = -200.0
     recording, folder = _flight(tmp_path / "a.h5", speed_mm_s), tmp_path / "gap"
     shown = tofmix("reconcile", "--self=16", recording, "-o", folder)
     assert shown.code == 0, shown.err

@@ -164,5 +164,7 @@ def test_after_warmup_reconciling_compiles_no_kernel(tofmix: Tofmix, tmp_path: P
                 "--overwrite",
                 "--effects",
                 "interference,range_offset,temporal_correlation",
+                "--max-effects",
+                1,
             )
         assert done.code == 0, done.err

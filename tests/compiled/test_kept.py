@@ -1,6 +1,5 @@
 """Kept code is found where it may be read, and made again where it is stale; who is told of compiling; vectors."""
 
-import ast
 import logging
 import os
 import shutil
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.measured import coverage_environment
-from support.modules import MODULES, nodes
+from support.modules import MODULES
 
 import tofmix
 from tofmix.compiled import kept, watching
@@ -67,13 +66,8 @@ def test_a_change_in_a_called_kernel_reaches_its_callers(tmp_path: Path) -> None
 
 
 @pytest.mark.compiled("there is nothing to keep")
-@pytest.mark.slow
 def test_every_module_with_a_kernel_is_in_the_key() -> None:
-    has_jit = [
-        module
-        for module in MODULES
-        if any(isinstance(node, ast.ImportFrom) and node.module == "tofmix.compiled.jit" for node in nodes(module))
-    ]
+    has_jit = [module for module in MODULES if "\nfrom tofmix.compiled.jit import" in module.read_text()]
     assert len(has_jit) > 50
     assert set(has_jit) <= set(kept.kernel_files())
 
@@ -81,7 +75,7 @@ def test_every_module_with_a_kernel_is_in_the_key() -> None:
 @pytest.mark.compiled("there is nothing to keep")
 def test_code_lies_beside_the_package_so_that_its_removal_leaves_nothing_to_import(tmp_path: Path) -> None:
     package, environment = _copied_package(tmp_path), _environment(tmp_path)
-    _run(PROGRAM, environment)
+    _run(SCRIPT, environment)
     assert _files(tmp_path / "__pycache__")
     assert not _files(package)
     assert not list(tmp_path.rglob("*.nbi"))  # numba's own cache keeps nothing
@@ -96,11 +90,11 @@ def test_a_second_run_compiles_nothing_where_only_a_temporary_folder_can_be_writ
     temporary = tmp_path / "tmp"
     temporary.mkdir()
     environment = _environment(tmp_path, HOME="/proc/none", TMPDIR=str(temporary), PYTHONDONTWRITEBYTECODE="1")
-    first = _run(PROGRAM, environment)
+    first = _run(SCRIPT, environment)
     compiled = _files(temporary)
     assert compiled
     assert FIRST_RUN in first[1]
-    assert _run(PROGRAM, environment) == (first[0], "")
+    assert _run(SCRIPT, environment) == (first[0], "")
     assert _files(temporary) == compiled
 
 
@@ -113,7 +107,9 @@ def test_a_damaged_or_foreign_file_is_compiled_again(tmp_path: Path) -> None:
     [path] = _files(folder)
     whole = path.read_bytes()
     foreign = kept._HEADER + kept._CHECKSUM(b"\x80\x04N.").digest() + b"\x80\x04N."  # a pickle of None
-    for content in (b"", b"damaged", whole[:-1], whole[:-1] + b"\0", foreign):
+    middle = len(whole) // 2
+    changed = whole[:middle] + bytes([whole[middle] ^ 255]) + whole[middle + 1 :]
+    for content in (b"", changed, foreign):
         path.write_bytes(content)
         assert _run(SCRIPT, environment) == ("42\n", f"tofmix: {FIRST_RUN}\n")
         assert len(path.read_bytes()) == len(whole)

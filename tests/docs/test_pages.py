@@ -155,9 +155,8 @@ def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 @pytest.mark.compiled("it estimates 25,344 pixels")
 @pytest.mark.parametrize("name", PAGES_PYTHON)
-def test_every_block_runs_without_a_warning(folder: Path, clone: Path, name: str) -> None:
-    if name.startswith("tutorials/"):
-        folder = clone
+def test_every_block_runs_without_a_warning(request: pytest.FixtureRequest, name: str) -> None:
+    folder: Path = request.getfixturevalue("clone" if name.startswith("tutorials/") else "folder")
     code = program((DOCS / name).read_text(encoding="utf-8"))
     assert "import" in code
     (folder / "page.py").write_text(code, encoding="utf-8")

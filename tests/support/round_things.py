@@ -11,12 +11,13 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 import tofmix as tm
 from support.counts import counted_layers
 from tofmix.layers import Layers
 from tofmix.optics.pinhole import Pinhole
-from tofmix.sensor import Sensor
+from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 
 FREQUENCY_HZ = 20e6
 CIRCLE_MM = 299_792_458e3 / (2 * FREQUENCY_HZ)
@@ -26,6 +27,9 @@ WALL_MM = 3000.0
 """Distance of the wall by which noise is given, where there is none."""
 PARTS = 36
 """Parts of a pixel along each side: at a limb the range goes as a square root, so a coarse sum errs by millimetres."""
+INNER_PARTS = 12
+"""The same of a pixel that sees one thing, as its neighbours do: finer parts change its range by less than 0.01 mm, and
+by 0.14 mm at the crease of a thing."""
 
 CAMERA = Sensor(
     name="round things",
@@ -171,6 +175,8 @@ class Scene:
     range_mm: Floats
     """(thing, row, col) float64. `share`, `range_mm`: share of the parts of a pixel that see each thing, and their mean
     range; NaN without any."""
+    noise: NoiseCurve
+    """As it was drawn: sigma is inversely proportional to amplitude."""
 
 
 def render(
@@ -195,20 +201,15 @@ def render(
     `threshold`: amplitude below which a sample is without return, in standard deviations of noise.
     """
     draw = np.random.default_rng(seed)
-    rays = rays_of(PARTS)
-    t, cosine = (np.stack(part) for part in zip(*(thing(rays) for thing in things), strict=True))
-    near = t.argmin(axis=0)
-    seen_mm = np.take_along_axis(t, near[np.newaxis], axis=0)[0]
-    facing = np.take_along_axis(cosine, near[np.newaxis], axis=0)[0]
-    light = 1000.0 * np.array(reflectivity)[near] * facing**power * (1000.0 / seen_mm) ** 2
-    seen_mm = np.where(np.isfinite(seen_mm), seen_mm, 0.0)
-    phasor = _pooled(light * np.exp(1j * seen_mm / SCALE_MM))
-    phasor = phasor * np.exp(texture * draw.standard_normal(phasor.shape))
-    share = np.stack([_pooled((near == number) * 1.0).real for number in range(len(things))])
-    total = np.stack([_pooled(np.where(near == number, seen_mm, 0.0)).real for number in range(len(things))])
-    truth = np.where(share > 0, total / np.maximum(share, 1e-9), np.nan)
-    truth[0] = truth[0] if np.isfinite(t[0].min()) else np.nan
-    nearest = float(t[0].min()) if np.isfinite(t[0].min()) else WALL_MM
+    phasor, share, truth = _seen(things, reflectivity, power, _of_pixels(INNER_PARTS))
+    mixed = (share.max(axis=0) < 1.0).reshape(ROWS, COLS)
+    limb = ndimage.binary_dilation(mixed, np.ones((3, 3), np.bool_)).ravel()
+    phasor[limb], share[:, limb], truth[:, limb] = _seen(things, reflectivity, power, _of_pixels(PARTS)[limb])
+    share, truth = (one.reshape(-1, ROWS, COLS) for one in (share, truth))
+    phasor = phasor.reshape(ROWS, COLS) * np.exp(texture * draw.standard_normal((ROWS, COLS)))
+    nearest = float(things[0](rays_of(1)).range_mm.min())
+    truth[0] = truth[0] if np.isfinite(nearest) else np.nan
+    nearest = nearest if np.isfinite(nearest) else WALL_MM
     middle = 1000.0 * reflectivity[0] * (1000.0 / nearest) ** 2
     size = noise_mm / SCALE_MM * middle
     noise = draw.standard_normal((2, frames, ROWS, COLS)) * size
@@ -218,11 +219,38 @@ def render(
         recording=tm.from_array(range_mm, units="mm", sensor=CAMERA, amplitude=np.abs(samples)),
         share=share,
         range_mm=truth,
+        noise=NoiseCurve(
+            np.array([nearest]),
+            np.array([noise_mm]),
+            law=AmplitudeLaw(np.array([middle]), middle * np.array([0.01, 100.0]), np.array([100.0, 0.01])),
+        ),
     )
 
 
 def _pooled(parts: NDArray[np.number]) -> NDArray[np.complex128]:
     return np.asarray(parts.reshape(ROWS, PARTS, COLS, PARTS).mean(axis=(1, 3)), dtype=np.complex128)
+
+
+def _of_pixels(parts: int) -> Floats:
+    """Unit vectors (pixel, part, 3)."""
+    rays = rays_of(parts).reshape(ROWS, parts, COLS, parts, 3).swapaxes(1, 2)
+    return rays.reshape(ROWS * COLS, parts * parts, 3)
+
+
+def _seen(
+    things: Sequence[Thing], reflectivity: Sequence[float], power: float, rays: Floats
+) -> tuple[NDArray[np.complex128], Floats, Floats]:
+    """Mean phasor (pixel), and share and mean range of each thing (thing, pixel) by rays (pixel, part, 3)."""
+    t, cosine = (np.stack(part) for part in zip(*(thing(rays) for thing in things), strict=True))
+    near = t.argmin(axis=0)
+    seen_mm = np.take_along_axis(t, near[np.newaxis], axis=0)[0]
+    facing = np.take_along_axis(cosine, near[np.newaxis], axis=0)[0]
+    light = 1000.0 * np.array(reflectivity)[near] * facing**power * (1000.0 / seen_mm) ** 2
+    seen_mm = np.where(np.isfinite(seen_mm), seen_mm, 0.0)
+    sees = near == np.arange(len(things))[:, np.newaxis, np.newaxis]
+    share = sees.mean(axis=-1)
+    mean_mm = (sees * seen_mm).mean(axis=-1) / np.maximum(share, 1e-9)
+    return (light * np.exp(1j * seen_mm / SCALE_MM)).mean(axis=-1), share, np.where(share > 0, mean_mm, np.nan)
 
 
 class Cast(NamedTuple):

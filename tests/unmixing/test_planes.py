@@ -340,8 +340,7 @@ def _estimated(scene: Scene) -> Layers:
     return Layers(**{spec.name: getattr(found.layers, spec.name)[0] for spec in found.layers.fields})
 
 
-@pytest.mark.parametrize("direction", ["vertical", "horizontal", "tilted"])
-@pytest.mark.parametrize("width", [2.0, 2.5])
+@pytest.mark.parametrize(("width", "direction"), [(2.0, "tilted"), (2.0, "horizontal"), (2.5, "vertical")])
 def test_both_surfaces_are_found_beside_slats_of_two_to_three_pixels(width: float, direction: Direction) -> None:
     scene = made(slats(np.random.default_rng([1, 5]), (width, width), direction), 1, view=SLATS, frames=40)
     judged = judge(scene, _estimated(scene))

@@ -349,7 +349,7 @@ def test_both_surfaces_are_found_at_the_limbs_of_a_sphere_and_nothing_flies() ->
 )
 def test_things_of_eight_pixels_get_both_surfaces_and_nothing_flies(thing: Thing) -> None:
     one = render([wall(5200), thing], [0.5, 0.7], noise_mm=20.0, frames=60, seed=3)
-    result = score(one, tm.estimate(one.recording).window(0))
+    result = score(one, tm.estimate(one.recording, noise=one.noise).window(0))
     assert result.both >= 0.9 * result.mixed
     assert (result.split, result.flying) == (0, 0)
 
@@ -361,7 +361,7 @@ def test_things_of_eight_pixels_get_both_surfaces_and_nothing_flies(thing: Thing
 def test_scenes_of_curved_edges_alone_are_unmixed(name: str) -> None:
     things, reflectivity = SCENES[name]
     one = render(things, reflectivity, noise_mm=20.0, frames=60, seed=2)
-    result = score(one, tm.estimate(one.recording).window(0))
+    result = score(one, tm.estimate(one.recording, noise=one.noise).window(0))
     assert result.both >= 0.85 * result.mixed
     assert result.flying <= 1  # a layer of 0.3 % of the light, 0.1 m off its surface
     assert result.split <= 0.002 * result.single
@@ -372,12 +372,12 @@ def test_scenes_of_curved_edges_alone_are_unmixed(name: str) -> None:
 @pytest.mark.slow
 def test_pixels_of_a_wire_are_undecided_where_no_pixel_sees_it_alone() -> None:
     one = render([wall(3500), cylinder(-200, 2000, 6)], [0.5, 0.5], noise_mm=15.0, frames=60)
-    found = tm.estimate(one.recording).window(0)
+    found = tm.estimate(one.recording, noise=one.noise).window(0)
     assert score(one, found).flying == 0
     assert found.mixing is not None
     wire = one.share[1] > 0.1
     assert (found.mixing[wire] == int(Mixing.UNDECIDED)).mean() > 0.9
-    law = tm.estimate(one.recording).mixing_law
+    law = tm.estimate(one.recording, noise=one.noise).mixing_law
     assert law is not None
     assert law.pixels == 0
     assert "a lock-in camera sums" in law.words()
@@ -388,7 +388,7 @@ def test_pixels_of_a_wire_are_undecided_where_no_pixel_sees_it_alone() -> None:
 @pytest.mark.slow
 def test_round_things_before_open_space_have_one_surface_with_the_share_that_returns() -> None:
     one = render(*OPEN_SCENES["sphere and cylinder"], noise_mm=20.0, frames=60, threshold=3.0, seed=2)
-    result = score(one, tm.estimate(one.recording).window(0))
+    result = score(one, tm.estimate(one.recording, noise=one.noise).window(0))
     assert result.both >= 0.9 * result.mixed
     assert result.ranges_within >= 0.9 * result.ranges
     assert result.shares_within >= 0.9 * result.both
@@ -401,7 +401,7 @@ def test_round_things_before_open_space_have_one_surface_with_the_share_that_ret
 @pytest.mark.slow
 def test_nothing_flies_where_two_walls_meet_behind_a_sphere() -> None:
     one = render(*SCENES["creased wall and sphere"], noise_mm=20.0, frames=60, seed=2)
-    result = score(one, tm.estimate(one.recording).window(0))
+    result = score(one, tm.estimate(one.recording, noise=one.noise).window(0))
     assert result.both >= 0.9 * result.mixed
     assert (result.split, result.flying) == (0, 0)
 
@@ -413,7 +413,7 @@ def test_a_floor_at_80_degrees_of_incidence_before_a_wall_gets_no_second_layer_f
     floor = wall(7.2e7, (0.0, 1.0, 1e-5))  # 720 mm below the camera
     things = [joined(wall(4000), floor), sphere((100.0, 400.0, 2200.0), 250.0)]
     one = render(things, [0.5, 0.8], noise_mm=5.0, power=0.7)
-    result = score(one, tm.estimate(one.recording).window(0))
+    result = score(one, tm.estimate(one.recording, noise=one.noise).window(0))
     assert result.both >= 0.9 * result.mixed
     few = 5  # at the sphere's limb; each row of the floor a surface of its own gave 55 pixels and 22 layers
     assert result.split <= few
@@ -425,7 +425,7 @@ def test_a_floor_at_80_degrees_of_incidence_before_a_wall_gets_no_second_layer_f
 @pytest.mark.slow
 def test_a_column_of_three_pixels_bends_at_noise_that_hides_each_pixel_s_own_bend() -> None:
     one = render(*SCENES["two columns"], noise_mm=40.0, frames=100, seed=1)
-    result = score(one, tm.estimate(one.recording).window(0))
+    result = score(one, tm.estimate(one.recording, noise=one.noise).window(0))
     assert result.both >= 0.9 * result.mixed
     assert result.flying <= 2
 
@@ -435,7 +435,7 @@ def test_a_column_of_three_pixels_bends_at_noise_that_hides_each_pixel_s_own_ben
 @pytest.mark.slow
 def test_second_modes_by_chance_leave_pixels_of_one_surface_decided() -> None:
     one = render(*SCENES["sphere and cylinder"], noise_mm=20.0, seed=1)
-    found = tm.estimate(one.recording).window(0)
+    found = tm.estimate(one.recording, noise=one.noise).window(0)
     assert found.mixing is not None
     alone = one.share.max(axis=0) > 0.999
     assert (found.mixing[alone] == int(Mixing.UNDECIDED)).sum() <= 1
@@ -448,7 +448,7 @@ def test_second_modes_by_chance_leave_pixels_of_one_surface_decided() -> None:
 def test_poles_of_four_pixels_get_no_wrong_layer_and_most_mixed_pixels_both_surfaces() -> None:
     things = [wall(3500), cylinder(-300, 2000, 55), cylinder(200, 2300, 45)]
     one = render(things, [0.5, 0.7, 0.6], noise_mm=20.0)
-    result = score(one, tm.estimate(one.recording).window(0))
+    result = score(one, tm.estimate(one.recording, noise=one.noise).window(0))
     assert result.mixed > 80
     assert result.both >= 0.8 * result.mixed
     assert result.ranges_within >= 0.9 * result.ranges

@@ -94,8 +94,6 @@ def test_a_smooth_law_stands_if_it_is_four_nats_better(lead: float, axis: str | 
         (MAKE["temperature_drift"](amplitude_mm=15.0, time_constant_s=1.0), MAKE["outliers"](probability=0.02)),
         (MAKE["fixed_pattern"](pixel_sigma_mm=8.0, column_sigma_mm=5.0, row_sigma_mm=5.0),),
         (MAKE["quantisation"](step_mm=30.0), MAKE["range_offset"](offset_mm=8.0)),
-        (MAKE["temporal_correlation"](coefficient=0.5),),
-        (MAKE["quantisation"](step_mm=40.0), MAKE["temporal_correlation"](coefficient=0.5)),
     ],
     ids=lambda hidden: "+".join(e.kind for e in hidden) or "nothing",
 )

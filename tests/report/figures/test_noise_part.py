@@ -58,7 +58,6 @@ def page_of(parts: Parts, make_source: MakeSource, *, recorded: bool = True) -> 
 @pytest.mark.parametrize(
     ("parts", "panels", "recorded"),
     [
-        (ALL, {0, 1, 2, 3}, False),
         (ALL, {0, 1, 2, 3}, True),
         (Parts(shape=skewed(1.0)), {0, 1}, True),
         (Parts(width_spread=0.2), {0, 2}, True),
