@@ -183,7 +183,9 @@ class SearchTask:
         like = self.likelihood
         taken = {(e.kind, getattr(e, "surface", "")) for e in like.scene.effects}
         facts = search_facts(like, self.mixture)
-        self.moves_far = any(facts.goes_far(seen, seen.pixels) for seen in facts.surfaces)
+        # the way of what moves takes in what other effects do, so it is uneven where there is no other way: the surface
+        # goes far, or moves within the reference, and widths hold its way
+        self.moves_far = any(facts.goes_far(seen, seen.pixels if like.scene.has_way else 1) for seen in facts.surfaces)
         found = laws(kinds, facts, self.columns.facts, taken, like.scene.model.sensor)
         lost = [k for k in kinds if EFFECTS[k].loses_by_noise]
         return [law for law in found if law.kind.kind not in lost or self._loses]
