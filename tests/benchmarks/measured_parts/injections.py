@@ -137,7 +137,8 @@ def still(samples: FloatArray) -> FloatArray:
     mean = np.where(whole, samples, 0.0).sum(axis=1) / count
     course = mean - mean.mean(axis=0)
     left = samples - course[:, None, :]
-    of_means = np.random.default_rng(0).normal(0.0, _sigma(left[:, whole]) / np.sqrt(count), course.shape)
+    sigma = float(np.median(left[:, whole].std(axis=0)))  # not of medians, whose steps are as large as it
+    of_means = np.random.default_rng(0).normal(0.0, sigma / np.sqrt(count), course.shape)
     return np.where(near, left + of_means[:, None, :], samples)
 
 
