@@ -127,19 +127,12 @@ NEAR_MM = 400.0
 
 
 def still(samples: FloatArray) -> FloatArray:
-    """Samples (frame, row, col) of the TMF8829 in the order of time, as if its object neither receded nor turned.
-
-    The means that are taken out hold the noise of their samples: as much noise of means is drawn anew.
-    """
+    """Samples (frame, row, col) of the TMF8829 in the order of time, as if its object neither receded nor turned."""
     near = samples < NEAR_MM
     whole = near.all(axis=0)
-    count = np.maximum(whole.sum(axis=0), 1)
-    mean = np.where(whole, samples, 0.0).sum(axis=1) / count
+    mean = np.where(whole, samples, 0.0).sum(axis=1) / np.maximum(whole.sum(axis=0), 1)
     course = mean - mean.mean(axis=0)
-    left = samples - course[:, None, :]
-    sigma = float(np.median(left[:, whole].std(axis=0)))  # not of medians, whose steps are as large as it
-    of_means = np.random.default_rng(0).normal(0.0, sigma / np.sqrt(count), course.shape)
-    return np.where(near, left + of_means[:, None, :], samples)
+    return np.where(near, samples - course[:, None, :], samples)
 
 
 OF_SCENES = ("TMF8829", "VL53L8CX", "three boards")
