@@ -13,6 +13,7 @@ from tofmix.layers import Layers, layer_fields
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.likelihood.reference_errors import ReferenceErrors
+from tofmix.reconciliation.likelihood.unsteady_way import UnsteadyWay
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.one.scene_errors import SceneErrors
 from tofmix.reconciliation.one.search import search
@@ -170,6 +171,44 @@ def test_an_offset_beside_a_walk_is_named_alone(wall: Model) -> None:
     kinds = ("range_offset", "temperature_drift")
     found = search(joint_likelihood([(model, moved)]), Settings(kinds=kinds))
     assert found.best.names == {("range_offset", "")}
+
+
+def _round(wall: Model) -> tuple[Model, Evidence]:
+    """The measured wall, bulged by up to 400 mm; its recording begins 0.4 s after the middle of the reference."""
+    model, evidence = _measured(wall)
+    assert model.scene is not None
+    bulge_mm = 400.0 * np.cos(np.linspace(-1.4, 1.4, wall.sensor.cols))[:, None]
+    scene = replace(model.scene, range_mm=model.scene.range_mm - bulge_mm)
+    return replace(model, scene=scene), replace(evidence, time_s=evidence.time_s + 0.4)
+
+
+def test_rates_of_a_round_measured_thing_are_those_of_its_cast(wall: Model) -> None:
+    """Times of one prediction follow each other without a jump."""
+    likelihood = joint_likelihood([_round(wall)])
+    mixture = likelihood.scene.mixture((Motion(surface="surface 0", velocity_mm_s=120.0),))
+    apart_s = float(likelihood.evidence.time_s[-1]) / len(mixture.mean)
+    lit = mixture.lit[0]
+    assert len(mixture.mean) > 1
+    np.testing.assert_allclose(np.diff(mixture.mean, axis=0)[:, lit] / apart_s, mixture.rate[:-1, lit], rtol=1e-3)
+
+
+def test_means_and_noise_on_a_path_do_not_depend_on_the_speed_beside_it(wall: Model) -> None:
+    """Else a speed would be chosen by the shape of a thing, or by its noise, that thousands of pixels tell better."""
+    likelihood = joint_likelihood([_round(wall)])
+    assert likelihood.scene.has_way
+    time_s = likelihood.evidence.time_s
+    path_mm = 110.0 * time_s + np.random.default_rng(2).normal(0.0, 4.0, time_s.size)
+    way = UnsteadyWay(np.zeros(time_s.size), rest=0.8, path_mm=path_mm)
+    slow, fast = (
+        likelihood.predicted(
+            replace(likelihood.start(), effects=(Motion(surface="surface 0", velocity_mm_s=speed),), way=way)
+        )
+        for speed in (80.0, 140.0)
+    )
+    pixels = np.flatnonzero(slow.of_main(slow.lit))
+    np.testing.assert_allclose(slow.main_means(pixels), fast.main_means(pixels), atol=0.02)
+    noise = [m.sigma[m.key[:, None], m.main[pixels], pixels] for m in (slow, fast)]
+    np.testing.assert_allclose(noise[0], noise[1], rtol=0.01)  # of times that are not the same; 0.19 by steady ways
 
 
 def test_pixels_that_are_left_out_say_nothing_of_random_values(wall: Model) -> None:

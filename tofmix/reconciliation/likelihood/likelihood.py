@@ -340,7 +340,10 @@ class Likelihood:
         mixture = self.scene.mixture(state.effects, coarse=coarse, rest=rest)
         if state.way is None or not mixture.rate.any():
             return mixture
-        mixture = replace(mixture, since=mixture.since + self._ahead(mixture, state.way))
+        ahead = self._ahead(mixture, state.way)
+        mixture = replace(mixture, since=mixture.since + ahead)
+        if rest is not None:
+            mixture = replace(mixture, sigma=mixture.sigma * self._noise_on_way(mixture, ahead))
         past = self._past_ranges(mixture)
         if past is None:
             return mixture
@@ -355,6 +358,20 @@ class Likelihood:
             if speed:
                 out[frames] = way.ahead_at(speed, self.evidence.time_s)[frames]
         return out
+
+    def _noise_on_way(self, mixture: Mixture, ahead_s: FloatArray) -> FloatArray:
+        """Noise (time, component, pixel) at the ranges where the surfaces are, over that at those of the steady way.
+
+        So the noise does not depend on the speed beside a path. Thousands of pixels tell the noise far better than the
+        speed, which a noise that goes with it would choose.
+        """
+        frames = np.maximum(np.bincount(mixture.key, minlength=len(mixture.mean)), 1)
+        ahead = np.bincount(mixture.key, ahead_s, minlength=len(mixture.mean)) / frames
+        sensor = self.scene.model.sensor
+        noise = sensor.noise_at(sensor.integration_time_ms)
+        there = mixture.true_range + mixture.rate * ahead[:, None, None]
+        here = noise.sigma(mixture.true_range, mixture.amplitude)
+        return np.where(mixture.rate != 0, noise.sigma(there, mixture.amplitude) / here, 1.0)
 
     def _past_ranges(self, mixture: Mixture) -> FloatArray | None:
         """Ranges (time, component, pixel) of what moves over the nearest one of which a measured scene tells noise."""

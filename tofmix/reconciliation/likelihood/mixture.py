@@ -16,7 +16,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.projection import beam_directions_of
 from tofmix.reconciliation.likelihood.error_shape import GAUSSIAN, ShapeTable, shape_table
-from tofmix.simulation.casting.cast import by_neighbours
+from tofmix.simulation.casting.cast import EDGE_ON, by_neighbours, met_plane
 from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects.base import Effect, Latent, Level
@@ -267,6 +267,19 @@ class Scene:
         scene = self.model.scene
         return scene is not None and not scene.way_mm and float(self.time_s[0]) > 0
 
+    def _fill_measured_rate(
+        self, rate: FloatArray, surface: IntArray, moving: FloatArray, effects: tuple[Effect, ...], time_s: float
+    ) -> None:
+        """Rates of change (component, pixel) of measured ranges, mm/s, whose surfaces (surface + 1,) move at a time.
+
+        What is beside its plane, as a round thing is, goes as far as the plane does along each beam.
+        """
+        now, soon = (self._placed(effects, t) for t in (time_s, time_s + _SOON_S))
+        for number in np.flatnonzero(moving):
+            (here, cosine), (there, _) = (met_plane(placed[number], self.beams) for placed in (now, soon))
+            of_plane = np.where(cosine > EDGE_ON, (there - here) / _SOON_S, 0.0)
+            rate[:] = np.where(surface == number, of_plane, rate)
+
     def _at_rest(self, sigma: FloatArray, rate: FloatArray, rest: float | None) -> FloatArray:
         """Noise (time, component, pixel) of a measured scene, mm, without the way of surfaces in the reference.
 
@@ -334,8 +347,11 @@ class Scene:
             bias += 0.0 if of_effect is None else of_effect
         first, true_range = parts[0], stack("true_range_mm", 1.0)
         rate = np.zeros(true_range.shape)
-        if velocity.any():
+        if velocity.any() and self.model.scene is None:
             rate = true_range * np.stack([own[of] for own, of in zip(velocity, surface, strict=True)])
+        elif velocity.any():
+            for own, of, moving, t in zip(rate, surface, velocity, times, strict=True):
+                self._fill_measured_rate(own, of, moving, effects, float(t))
         mean = stack("range_mm", 1.0)
         if self._apart_mm is not None:
             mean = mean + np.take_along_axis(self._apart_mm[None], surface, axis=1)

@@ -28,7 +28,7 @@ from tofmix.simulation.measured_scene import MeasuredScene
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import MAX_LENGTH_MM, NEAREST_MM, Surface
 
-_EDGE_ON = 1.0e-3  # cosine of incidence below which a plane is seen edge-on, and its layers stay
+EDGE_ON = 1.0e-3  # cosine of incidence below which a plane is seen edge-on, and its layers stay
 
 
 def cast_measured(model: Model, scene: MeasuredScene) -> Truth:
@@ -53,12 +53,12 @@ def cast_measured(model: Model, scene: MeasuredScene) -> Truth:
         if _stands(now) == _stands(before):
             continue
         row, col, layer = np.nonzero(scene.surface == number)
-        (was_mm, was_cosine), (is_mm, is_cosine) = (_seen(s, beams[row, col]) for s in (before, now))
-        here = (was_cosine > _EDGE_ON) & (is_cosine > _EDGE_ON)
+        (was_mm, was_cosine), (is_mm, is_cosine) = (met_plane(s, beams[row, col]) for s in (before, now))
+        here = (was_cosine > EDGE_ON) & (is_cosine > EDGE_ON)
         old = range_mm[row, col, layer]
         new = np.maximum(np.where(here, old + is_mm - was_mm, old), NEAREST_MM)
         range_mm[row, col, layer] = new
-        brighter = np.where(here, is_cosine / np.maximum(was_cosine, _EDGE_ON), 1.0) * (old / new) ** 2
+        brighter = np.where(here, is_cosine / np.maximum(was_cosine, EDGE_ON), 1.0) * (old / new) ** 2
         amplitude[row, col, layer] *= brighter
     return _sorted(model, scene, range_mm, amplitude)
 
@@ -98,7 +98,7 @@ def by_neighbours(model: Model, scene: MeasuredScene) -> tuple[MeasuredScene, Fl
         once = own.sum(axis=2) == 1
         row, col, layer = np.nonzero(own & once[:, :, None])
         beside = np.zeros(scene.shape)
-        beside[row, col] = scene.range_mm[row, col, layer] - _seen(surface, beams[row, col])[0]
+        beside[row, col] = scene.range_mm[row, col, layer] - met_plane(surface, beams[row, col])[0]
         count = convolve(once.astype(np.float64), around, mode="constant")
         mean = convolve(beside, around, mode="constant") / np.maximum(count, 1.0)
         use = count[row, col] >= neighbours
@@ -134,12 +134,15 @@ def _stands(surface: Surface) -> Sequence[object]:
     return surface.center_mm, surface.yaw_deg, surface.pitch_deg, surface.roll_deg
 
 
-def _seen(surface: Surface, beams: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Range (n,) of a plane along beams (n, 3), mm, and the cosine of incidence, both above 0 where it is ahead."""
+def met_plane(surface: Surface, beams: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Range (n,) of a plane along beams (n, 3), mm, and the cosine of incidence, both above 0 where it is ahead.
+
+    Of a cosine below `EDGE_ON`, layers of a measured scene stay where they are.
+    """
     normal = surface.rotation()[:, 2]
     distance = float(normal @ np.array(surface.center_mm))
     cosine = beams @ (normal if distance >= 0 else -normal)
-    return abs(distance) / np.maximum(cosine, _EDGE_ON), cosine
+    return abs(distance) / np.maximum(cosine, EDGE_ON), cosine
 
 
 def _recorded_amplitude(model: Model, scene: MeasuredScene, beams: FloatArray) -> FloatArray:
@@ -147,7 +150,7 @@ def _recorded_amplitude(model: Model, scene: MeasuredScene, beams: FloatArray) -
     cosine, reflectivity = np.ones(scene.range_mm.shape), np.full(scene.range_mm.shape, np.nan)
     for number, surface in enumerate(scene.surfaces):
         row, col, layer = np.nonzero(scene.surface == number)
-        cosine[row, col, layer] = np.maximum(_seen(surface, beams[row, col])[1], _EDGE_ON)
+        cosine[row, col, layer] = np.maximum(met_plane(surface, beams[row, col])[1], EDGE_ON)
         reflectivity[row, col, layer] = surface.reflectivity
     usual = scene.surfaces[0].reflectivity if scene.surfaces else 1.0
     gain = 1000.0 * model.sensor.integration_time_ms / 1.2
