@@ -39,7 +39,7 @@ def test_noise_and_range_of_a_surface_are_its_own_where_another_is_the_heaviest(
 
 def test_noise_is_as_wide_as_where_samples_are_expanded_although_shares_have_changed(task: SearchTask) -> None:
     """Shares that follow errors of the model make another surface the heaviest: no change of its noise."""
-    shifts = task.shifts(np.zeros(len(task.low)))
+    shifts = task.shifts(np.zeros(task.low.shape[0]))
     assert shifts is not None
     weight, surface = (of[0][:, shifts.pixels] for of in (task.mixture.weight, task.mixture.surface))
     shifted = replace(task.null, shifts=shifts._replace(shares=((surface, exchanged(weight) - weight),)))

@@ -38,7 +38,7 @@ def test_log_likelihood_integrates_the_static_errors_out(make_task: MakeTask, pa
     samples = task.likelihood.evidence.samples.astype(float)
     rows, cols = task.likelihood.evidence.image
     row, col = np.divmod(np.arange(rows * cols), cols)
-    errors = task.low.reshape(len(task.low), -1)
+    errors = task.low.toarray()
     covariance = errors.T @ errors + spreads.pixel_sigma_mm**2 * np.eye(rows * cols)
     covariance += spreads.column_sigma_mm**2 * (col[:, None] == col) + spreads.row_sigma_mm**2 * (row[:, None] == row)
     values = []
@@ -81,8 +81,8 @@ def test_errors_of_the_noise_are_integrated_out(make_task: MakeTask) -> None:
     found = s.log_likelihood(other) - s.log_likelihood(one)
 
     samples = task.likelihood.evidence.samples.astype(float)
-    errors = task.low.reshape(len(task.low), -1)
-    sd = float(np.sqrt((task.low_width**2).sum(axis=0)).max())
+    errors = task.low.toarray()
+    sd = float(np.sqrt((task.low_width.toarray() ** 2).sum(axis=0)).max())
     widths = np.linspace(-5, 5, 41) * sd
     values = []
     for x in (other, one):

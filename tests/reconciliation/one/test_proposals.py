@@ -39,7 +39,7 @@ def test_evidence_is_that_of_the_dense_gaussian_model(make_task: MakeTask) -> No
     about = About(Columns.of(task), null)
     summary = null.summary()
     total = summary.bias_information.sum(axis=0).ravel()
-    errors = task.low.reshape(len(task.low), -1)
+    errors = task.low.toarray()
     rest = errors.T @ errors + np.diag(1 / total)
     for pair in combinations([o for o in about.new if o.law.kind.kind in ("range_offset", "amplitude_walk")], 2):
         covariance = rest.copy()

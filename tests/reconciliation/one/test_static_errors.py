@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconciliation.one.static_errors import NO_PATTERN, StaticErrors
@@ -44,7 +45,7 @@ def _case(recordings: int, spreads: PatternSpreads, more: FloatArray, seed: int)
         noise=np.diag(1 / information.ravel()[known]),
         known=known,
     )
-    return StaticErrors.of(low, information, IMAGE, spreads, more), dense
+    return StaticErrors.of(csr_array(flat), information, IMAGE, spreads, more), dense
 
 
 CASES = pytest.mark.parametrize(
@@ -71,7 +72,7 @@ def test_errors_beside_less_noise_are_those_made_with_its_information(
     recordings: int, spreads: PatternSpreads, more: float
 ) -> None:
     rng = np.random.default_rng(8)
-    low, information = rng.normal(0, 2, (3, recordings, 12)), rng.uniform(0.05, 2.0, (recordings, 12))
+    low, information = csr_array(rng.normal(0, 2, (3, recordings * 12))), rng.uniform(0.05, 2.0, (recordings, 12))
     factor, bias = rng.uniform(0.5, 3.0, (recordings, 12)), rng.normal(0, 5, (recordings, 12))
     own = np.full(12, more)
     found = StaticErrors.of(low, information, IMAGE, spreads, own).weighed(factor)
@@ -89,7 +90,7 @@ def test_posterior_means_are_those_of_the_dense_covariance(
     bias = np.random.default_rng(4).normal(0, 5, (recordings, 12))
     solved = np.linalg.solve(dense.whole, bias.ravel()[dense.known])
     assert errors.mean(bias).ravel()[dense.known] == pytest.approx((dense.model + dense.pattern) @ solved)
-    assert errors.of_model(bias).ravel()[dense.known] == pytest.approx(dense.model @ solved)
+    assert errors.mean_of_model(bias).ravel()[dense.known] == pytest.approx(dense.model @ solved)
 
 
 def test_biases_of_unknown_pixels_change_nothing() -> None:
@@ -102,7 +103,7 @@ def test_biases_of_unknown_pixels_change_nothing() -> None:
 
 def test_errors_without_any_prior_variance_leave_the_noise_alone() -> None:
     information = np.full((1, 12), 0.25)
-    errors = StaticErrors.of(np.zeros((0, 1, 12)), information, IMAGE)
+    errors = StaticErrors.of(csr_array((0, 12)), information, IMAGE)
     bias = np.arange(12.0)[None]
     assert errors.square(bias) == pytest.approx(0.25 * (np.arange(12.0) ** 2).sum())
     assert errors.logdet == pytest.approx(0.0)

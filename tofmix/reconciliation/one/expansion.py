@@ -377,8 +377,8 @@ class Expansion:
 
     def without_model_errors(self) -> tuple["Expansion", float]:
         """The samples about biases and widths without the model's own errors, and what their priors cost, nats."""
-        wide = self.widths.of_model(self._measured_width).reshape(self.log_width.shape)
-        bias_mm = self.bias_mm - self.errors.of_model(self.measured_mm)
+        wide = self.widths.mean_of_model(self._measured_width).reshape(self.log_width.shape)
+        bias_mm = self.bias_mm - self.errors.mean_of_model(self.measured_mm)
         squares = self.errors.square_of_model(self.measured_mm), self.widths.square_of_model(self._measured_width)
         return replace(self, bias_mm=bias_mm, log_width=self.log_width - wide, shifts=None), 0.5 * sum(squares)
 

@@ -249,7 +249,7 @@ def _moved(task: SearchTask, state: ModelState, held: Part) -> tuple[ModelState,
         bias[view.number], known[view.number] = found.bias, np.where(task.lit[view.number], found.information, 0.0)
     own = state.pixel_variance if state.errors is None else np.zeros_like(state.pixel_variance)  # taken off already
     errors = StaticErrors.of(task.low, known, like.evidence.image, more_variance=own)
-    moved = errors.of_model(bias, most)
+    moved = errors.mean_of_model(bias, most)
     predicted = like.predicted(state)
     state = replace(state, shifts=task.likely_shifts(errors.coordinates_of_model(bias, most), state, predicted))
     if task.width_variance.any():
@@ -271,7 +271,7 @@ def _log_width(task: SearchTask, state: ModelState, mixture: Mixture, held: Part
         told[view.number] = np.where(task.lit[view.number], np.maximum(curve, 0.0), 0.0)
         rise[view.number] = (above - below) / (2 * WIDTH_NUDGE)
     step = np.where(told > 0, rise / np.maximum(told, LEAST_INFORMATION), 0.0)
-    return task.width_errors(told).of_model(step.reshape(1, -1), most).reshape(step.shape)
+    return task.width_errors(told).mean_of_model(step.reshape(1, -1), most).reshape(step.shape)
 
 
 def _with_biases(task: SearchTask, mixture: Mixture, bias_mm: FloatArray) -> Mixture:

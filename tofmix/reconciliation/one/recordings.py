@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.likelihood.hidden_fits import find_lattice
@@ -84,6 +85,26 @@ class OneRecording:
         return self.view.part_of_all
 
 
+class _Rows:
+    """A sparse matrix (row, place), made row by row."""
+
+    def __init__(self, places: int) -> None:
+        self._places, self._at, self._values = places, [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+        self._ends = [0]
+
+    def add(self, at: IntArray, values: FloatArray) -> None:
+        """Add a row with values (n,) at places (n,)."""
+        self._at.append(at)
+        self._values.append(values)
+        self._ends.append(self._ends[-1] + values.size)
+
+    @property
+    def made(self) -> csr_array:
+        """The matrix."""
+        shape = (len(self._ends) - 1, self._places)
+        return csr_array((np.concatenate(self._values), np.concatenate(self._at), np.array(self._ends)), shape)
+
+
 class SearchTask:
     """The recordings, the model as given, the laws, and the prices.
 
@@ -104,7 +125,7 @@ class SearchTask:
         All of them.
     lit, single : (recording, pixel) bool
         Pixels whose main component is light of a surface; those that also see only one surface.
-    low : (k, recording, pixel) float64
+    low : (k, recording x pixel) sparse float64
         Errors of means that pixels have in common, mm, with unit priors: those of any model, of each surface a shift,
         two tilts and a smooth error, in pixels that see it alone; and those of a measured scene.
     own_variance_mm2 : (pixel,) float64
@@ -113,7 +134,7 @@ class SearchTask:
         All laws that may be members.
     hidden : tuple of type of Effect
         Kinds with a hidden state of one of `SORTS`.
-    low_width : (k, 1, recording x pixel) float64
+    low_width : (k, recording x pixel) sparse float64
         The model's own errors of the logarithm of sigma, with unit priors: one common, and one of each surface.
     width_variance : (recording x pixel,) float64
         Variance of the logarithm of each pixel's own width.
@@ -140,7 +161,7 @@ class SearchTask:
         self.lit: BoolArray = np.stack([m.of_main(m.lit).astype(bool) for m in mixtures])
         self.single: BoolArray = np.stack([sees_one_surface(m) for m in mixtures]) & self.lit
         self._of_surfaces = list(self._model_errors())
-        self.low = np.concatenate([self._low_of_surfaces(), self._scene_errors()])
+        self.low = self._low()
         self.own_variance_mm2 = self.recordings[0].scene.own_variance_mm2
         self.columns = ColumnMaker(likelihood, self.null, self.part)
         own = [EFFECTS[kind] for kind in settings.kinds]
@@ -209,13 +230,17 @@ class SearchTask:
                 smooth = [DISCREPANCY * error * s for s in (u, v, *hats(u, v))]
                 yield number, int(surface), np.stack([np.full(own.size, error), *smooth])
 
-    def _low_of_surfaces(self) -> FloatArray:
-        out = [np.zeros((0, *self.lit.shape))]
+    def _low(self) -> csr_array:
+        """The errors of means that pixels have in common, of surfaces and of what a measured scene has in common."""
+        pixels, out = self.lit.shape[1], _Rows(self.lit.size)
         for number, surface, columns in self._of_surfaces:
-            own = np.zeros((len(columns), *self.lit.shape))
-            own[:, number] = np.where(self._alone(number, surface), columns, 0.0)
-            out.append(own)
-        return np.concatenate(out)
+            alone = np.flatnonzero(self._alone(number, surface))
+            for column in columns:
+                out.add(number * pixels + alone, column[alone])
+        for number, recording in enumerate(self.recordings):
+            for column in recording.scene.columns_mm:
+                out.add(number * pixels + np.arange(pixels), column)
+        return out.made
 
     def shifts(self, coordinates: FloatArray, near: SurfaceShifts | None = None) -> SurfaceShifts | None:
         """How far surfaces are off in the pixels that they share, by the errors that other pixels tell.
@@ -291,28 +316,24 @@ class SearchTask:
             for n, r in enumerate(self.recordings)
         )
 
-    def _noise_errors(self) -> FloatArray:
+    def _noise_errors(self) -> csr_array:
         """Half of the variance is common to all surfaces, as of a curve that is wrong, and half is of each surface.
 
         All widths of a measured scene have another error in common, and those of each surface one more.
         """
         size = _NOISE * self.accepted * UNIFORM * math.sqrt(0.5)
-        out = [self.lit * size]
-        for number, recording in enumerate(self.recordings):
-            for surface in np.unique(recording.surface[self.lit[number]]):
-                column = np.zeros(self.lit.shape)
-                column[number] = np.where(self.lit[number] & (recording.surface == surface), size, 0.0)
-                out.append(column)
-        out = out if size else []
+        pixels, out = self.lit.shape[1], _Rows(self.lit.size)
         common = np.array([r.scene.common_log_width for r in self.recordings])[:, None] * self.lit
-        out += [common] if common.any() else []
+        for everywhere in (self.lit * size, common):
+            if everywhere.any():
+                out.add(np.arange(self.lit.size), everywhere.ravel())
         for number, recording in enumerate(self.recordings):
             for surface in np.unique(recording.surface[self.lit[number]]):
-                column = np.zeros(self.lit.shape)
-                own = self.lit[number] & (recording.surface == surface)
-                column[number] = np.where(own, recording.scene.lent_log_width, 0.0)
-                out += [column] if column.any() else []
-        return np.stack(out).reshape(len(out), 1, -1) if out else np.zeros((0, 1, self.lit.size))
+                own = np.flatnonzero(self.lit[number] & (recording.surface == surface))
+                for values in (size * np.ones(own.size), recording.scene.lent_log_width[own]):
+                    if values.any():
+                        out.add(number * pixels + own, values)
+        return out.made
 
     def width_errors(self, information: FloatArray) -> StaticErrors:
         """The covariance of log widths, all recordings in one row, for some information (recording, pixel) about each.
@@ -321,16 +342,6 @@ class SearchTask:
         """
         row = information.reshape(1, -1)
         return StaticErrors.of(self.low_width, row, row.shape, more_variance=self.width_variance)
-
-    def _scene_errors(self) -> FloatArray:
-        """Columns (k, recording, pixel) of what all means of a measured scene have in common."""
-        out: list[FloatArray] = []
-        for number, recording in enumerate(self.recordings):
-            for own in recording.scene.columns_mm:
-                column = np.zeros(self.lit.shape)
-                column[number] = own
-                out.append(column)
-        return np.stack(out) if out else np.zeros((0, *self.lit.shape))
 
     def known_with_scene(self, information: FloatArray) -> FloatArray:
         """Information (..., pixel) about biases of the camera, 1/mm2, by that about biases from the measured scene."""

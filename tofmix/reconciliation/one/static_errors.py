@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import coo_array, csr_array, hstack, vstack
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.simulation.effects.hidden import PatternSpreads
@@ -37,26 +38,22 @@ class StaticErrors:
 
     Parameters
     ----------
-    low : (k, recording, pixel) float64
-        Columns of U, mm, with unit priors.
-    image : (int, int)
-        Rows, columns.
+    common : (k + lines, recording x pixel) sparse float64
+        Columns of U, and columns and rows of the image, mm, with unit priors.
+    of_model : int
+        Number k of the columns of U.
     weight : (recording, pixel) float64
         Information of each bias, 1/mm2; 0 where it is unknown.
     own_variance : (pixel,) float64
         Variance of a pixel's own bias, mm2.
-    by_column_mm, by_row_mm : float
-        Standard deviations of lines.
     logdet : float
         Log determinant of the covariance over that of the noise.
     """
 
-    low: FloatArray
-    image: tuple[int, int]
+    common: csr_array
+    of_model: int
     weight: FloatArray
     own_variance: FloatArray
-    by_column_mm: float
-    by_row_mm: float
     logdet: float
     _shrink: FloatArray  # (pixel,): 1 / (1 + own variance x information)
     _root: Any  # Cholesky factor of the small matrix
@@ -64,7 +61,7 @@ class StaticErrors:
     @classmethod
     def of(
         cls,
-        low: FloatArray,
+        low: csr_array,
         information: FloatArray,
         image: tuple[int, int],
         spreads: PatternSpreads = NO_PATTERN,
@@ -74,7 +71,7 @@ class StaticErrors:
 
         Parameters
         ----------
-        low : (k, recording, pixel) float64
+        low : (k, recording x pixel) sparse float64
             Columns of U, mm, with unit priors.
         information : (recording, pixel) float64
             Information of each bias, 1/mm2; what is below `LEAST_INFORMATION` is unknown.
@@ -87,51 +84,35 @@ class StaticErrors:
         """
         weight = np.where(information > LEAST_INFORMATION, information, 0.0)
         own = spreads.pixel_sigma_mm**2 + (np.zeros(weight.shape[1]) if more_variance is None else more_variance)
-        return cls._made(low, image, weight, own, spreads.column_sigma_mm, spreads.row_sigma_mm)
+        lines = _lines(image, len(weight), spreads) if spreads.column_sigma_mm or spreads.row_sigma_mm else None
+        common = low if lines is None else csr_array(vstack([low, lines]))
+        return cls._made(common, low.shape[0], weight, own)
 
     @classmethod
-    def _made(
-        cls,
-        low: FloatArray,
-        image: tuple[int, int],
-        weight: FloatArray,
-        own: FloatArray,
-        by_column_mm: float,
-        by_row_mm: float,
-    ) -> "StaticErrors":
-        total = weight.sum(axis=0)
-        shrink = 1.0 / (1.0 + own * total)
-        k, lines = len(low), (image[1] + image[0] if by_column_mm or by_row_mm else 0)
-        small = np.eye(k + lines)
-        weighed = _weighed(low, weight, own * shrink)
-        small[:k, :k] += weighed.reshape(k, weight.size) @ low.reshape(k, weight.size).T
-        if lines:
-            pulled = _line_sums(weighed.sum(axis=1), image, by_column_mm, by_row_mm)
-            small[:k, k:], small[k:, :k] = pulled, pulled.T
-            grid = (total * shrink).reshape(image)
-            c, r = slice(k, k + image[1]), slice(k + image[1], None)
-            small[c, c] += np.diag(grid.sum(axis=0) * by_column_mm**2)
-            small[r, r] += np.diag(grid.sum(axis=1) * by_row_mm**2)
-            small[r, c] = grid * by_column_mm * by_row_mm
-            small[c, r] = small[r, c].T
+    def _made(cls, common: csr_array, of_model: int, weight: FloatArray, own: FloatArray) -> "StaticErrors":
+        shrink = 1.0 / (1.0 + own * weight.sum(axis=0))
+        weighed = _times(common, weight.ravel())
+        small = np.eye(common.shape[0]) + (weighed @ common.T).toarray()
+        taken = own * shrink
+        if taken.any():
+            pixels = weight.shape[1]  # of all recordings, a pixel has one bias of its own
+            by_pixel = csr_array((weighed.data, weighed.indices % pixels, weighed.indptr), (common.shape[0], pixels))
+            small -= (_times(by_pixel, taken) @ by_pixel.T).toarray()
         root = cho_factor(small, lower=True, check_finite=False)
         logdet = float(-np.log(shrink).sum() + 2 * np.log(np.diag(root[0])).sum())
-        return cls(low, image, weight, own, by_column_mm, by_row_mm, logdet, _shrink=shrink, _root=root)
+        return cls(common, of_model, weight, own, logdet, _shrink=shrink, _root=root)
 
     def weighed(self, factor: FloatArray) -> "StaticErrors":
         """The same errors with the information about each bias (recording, pixel) times a factor."""
-        return self._made(
-            self.low, self.image, self.weight * factor, self.own_variance, self.by_column_mm, self.by_row_mm
-        )
+        return self._made(self.common, self.of_model, self.weight * factor, self.own_variance)
 
     def products(self, vectors: FloatArray) -> FloatArray:
         """Products (n, n) of biases (n, recording, pixel), mm, by the inverse covariance."""
         weighed = self._weigh(vectors)
         pulled = self._pull(weighed)
         n = len(vectors)
-        size = self.weight.size
-        inner: FloatArray = weighed.reshape(n, size) @ vectors.reshape(n, size).T
-        return inner - pulled @ cho_solve(self._root, pulled.T, check_finite=False)
+        inner: FloatArray = weighed.reshape(n, -1) @ vectors.reshape(n, self.weight.size).T
+        return inner - pulled.T @ cho_solve(self._root, pulled, check_finite=False)
 
     def square(self, bias_mm: FloatArray) -> float:
         """The square of one vector of biases (recording, pixel), mm, by the inverse covariance."""
@@ -139,60 +120,50 @@ class StaticErrors:
 
     def mean(self, bias_mm: FloatArray) -> FloatArray:
         """Posterior mean (recording, pixel) of the errors, mm, given measured biases."""
-        common = self._common(bias_mm, lines=True)
+        common = (self.common.T @ self._coordinates(bias_mm)).reshape(self.weight.shape)
         left = (self.weight * (bias_mm - common)).sum(axis=0)
         return np.asarray(common + self.own_variance * self._shrink * left)
 
-    def of_model(self, bias_mm: FloatArray, most: float = math.inf) -> FloatArray:
+    def mean_of_model(self, bias_mm: FloatArray, most: float = math.inf) -> FloatArray:
         """Posterior mean (recording, pixel) of the errors of the model alone, U a, mm, each of at most so many sd."""
-        return self._common(bias_mm, lines=False, most=most)
+        own = np.zeros(self.common.shape[0])
+        own[: self.of_model] = self.coordinates_of_model(bias_mm, most)
+        return np.asarray((self.common.T @ own).reshape(self.weight.shape))
 
     def square_of_model(self, bias_mm: FloatArray) -> float:
         """The square of the posterior mean of the errors of the model alone, by their prior."""
-        return float((self._coordinates(bias_mm)[: len(self.low)] ** 2).sum())
+        return float((self.coordinates_of_model(bias_mm) ** 2).sum())
 
     def coordinates_of_model(self, bias_mm: FloatArray, most: float = math.inf) -> FloatArray:
         """Posterior mean (k,) of the columns of U, in sd of their priors, each of at most so many."""
-        return np.asarray(np.clip(self._coordinates(bias_mm)[: len(self.low)], -most, most))
+        return np.asarray(np.clip(self._coordinates(bias_mm)[: self.of_model], -most, most))
 
     def _coordinates(self, bias_mm: FloatArray) -> FloatArray:
         """Posterior mean (k + lines,) of the columns of U and the lines, in standard deviations of their priors."""
-        return np.asarray(cho_solve(self._root, self._pull(self._weigh(bias_mm[None]))[0], check_finite=False))
+        return np.asarray(cho_solve(self._root, self._pull(self._weigh(bias_mm[None]))[:, 0], check_finite=False))
 
     def _weigh(self, vectors: FloatArray) -> FloatArray:
-        return _weighed(vectors, self.weight, self.own_variance * self._shrink)
+        """Vectors (n, recording, pixel) by the inverse covariance of own bias and noise of each pixel."""
+        out: FloatArray = vectors * self.weight
+        return np.asarray(out - self.weight * (self.own_variance * self._shrink * out.sum(axis=1))[:, None])
 
     def _pull(self, weighed: FloatArray) -> FloatArray:
-        """Sums (n, k + lines) of weighed vectors over the columns of U and over lines."""
-        n, k = len(weighed), len(self.low)
-        out: FloatArray = weighed.reshape(n, self.weight.size) @ self.low.reshape(k, self.weight.size).T
-        if not (self.by_column_mm or self.by_row_mm):
-            return out
-        lines = _line_sums(weighed.sum(axis=1), self.image, self.by_column_mm, self.by_row_mm)
-        return np.concatenate([out, lines], axis=1)
-
-    def _common(self, bias_mm: FloatArray, *, lines: bool, most: float = math.inf) -> FloatArray:
-        a = self._coordinates(bias_mm)
-        k, cols = len(self.low), self.image[1]
-        common = np.tensordot(np.clip(a[:k], -most, most), self.low, axes=1)
-        if lines and (self.by_column_mm or self.by_row_mm):
-            by_line = self.by_row_mm * a[k + cols :, None] + self.by_column_mm * a[None, k : k + cols]
-            common = common + by_line.ravel()
-        return np.asarray(common)
+        """Sums (k + lines, n) of weighed vectors over the columns of U and over lines."""
+        return np.asarray(self.common @ weighed.reshape(len(weighed), self.weight.size).T)
 
 
-def _weighed(vectors: FloatArray, weight: FloatArray, taken: FloatArray) -> FloatArray:
-    """Vectors (n, recording, pixel) by the inverse covariance of own bias and noise of each pixel."""
-    out: FloatArray = vectors * weight
-    if not taken.any():
-        return out
-    return np.asarray(out - weight * (taken * out.sum(axis=1))[:, None])
+def _times(rows: csr_array, factor: FloatArray) -> csr_array:
+    """Rows (n, place), each place times a factor (place,)."""
+    return csr_array((rows.data * factor[rows.indices], rows.indices, rows.indptr), rows.shape)
 
 
-def _line_sums(values: FloatArray, image: tuple[int, int], by_column_mm: float, by_row_mm: float) -> FloatArray:
-    """Sums (n, columns and rows) of values (n, pixel), times the standard deviation of a line."""
-    grid = values.reshape(len(values), *image)
-    return np.concatenate([grid.sum(axis=1) * by_column_mm, grid.sum(axis=2) * by_row_mm], axis=1)
+def _lines(image: tuple[int, int], recordings: int, spreads: PatternSpreads) -> csr_array:
+    """Columns and rows (lines, recording x pixel) of an image, the same in all recordings, mm, with unit priors."""
+    row, col = np.divmod(np.arange(image[0] * image[1]), image[1])
+    values = np.repeat([spreads.column_sigma_mm, spreads.row_sigma_mm], row.size)
+    places = np.concatenate([col, image[1] + row]), np.tile(np.arange(row.size), 2)
+    one = coo_array((values, places), (image[1] + image[0], row.size))
+    return csr_array(hstack([one] * recordings))
 
 
 def across_surface(place: IntArray, own: BoolArray) -> FloatArray:

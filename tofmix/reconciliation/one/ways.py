@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconciliation.likelihood.likelihood import ModelState
 from tofmix.reconciliation.likelihood.memory import memory_of
 from tofmix.reconciliation.likelihood.mixture import Mixture
@@ -114,10 +114,11 @@ def _course(task: SearchTask, number: int, state: ModelState, mixture: Mixture, 
     nudge = 0.3  # of sigma, for slopes along the way
     step = nudge * float(np.median(own.of_main(own.sigma)[own.of_main(own.rate) != 0]))
     task.passes += 2
+    part = recording.part[0], np.intersect1d(recording.part[1], _moving(own))  # others are the same on both sides
     below, above = (
-        task.likelihood.sums(
-            replace(mixture, since=mixture.since + ahead_mm / speed), state, recording.part, bias=bias
-        ).by_frame[recording.part[0], 0]
+        task.likelihood.sums(replace(mixture, since=mixture.since + ahead_mm / speed), state, part, bias=bias).by_frame[
+            part[0], 0
+        ]
         for ahead_mm in (-step, step)
     )
     memory = memory_of(state)
@@ -126,6 +127,11 @@ def _course(task: SearchTask, number: int, state: ModelState, mixture: Mixture, 
     information = _usual_information(own, recording.view.evidence.samples, speed) * worth
     here = state.way.ahead_at(speed, task.likelihood.evidence.time_s)[frames] * speed
     return course(here, slope, information, time_s, way_mm)
+
+
+def _moving(mixture: Mixture) -> IntArray:
+    """Pixels that see something move."""
+    return np.flatnonzero((mixture.rate != 0).any(axis=(0, 1)))
 
 
 def _usual_information(own: Mixture, samples: NDArray[np.uint16], speed: float) -> FloatArray:
@@ -164,8 +170,10 @@ def _with_rest(task: SearchTask, state: ModelState, bias_mm: FloatArray) -> Mode
     if way is None or not like.scene.has_way:
         return state
     least, near = 0.1, 0.01  # of the widths of the scene, and to how much its logarithm is found
+    most = 50_000  # samples, which tell a width to 0.003
     given = replace(state, log_width=task.null.log_width)  # without errors of widths, found about another noise
-    moved = np.flatnonzero(like.mixture(state).of_main(like.mixture(state).rate) != 0)
+    moved = _moving(like.mixture(state))
+    moved = moved[:: max(1, moved.size * task.part[0].size // most)]
 
     def loss(log_rest: float) -> float:
         other = like.mixture(replace(given, way=way._replace(rest=math.exp(log_rest))))
