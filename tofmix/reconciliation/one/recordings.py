@@ -326,7 +326,7 @@ class SearchTask:
         common = np.array([r.scene.common_log_width for r in self.recordings])[:, None] * self.lit
         for everywhere in (self.lit * size, common):
             if everywhere.any():
-                out.add(np.arange(self.lit.size), everywhere.ravel())
+                out.add(np.arange(self.lit.size), np.asarray(everywhere.ravel(), dtype=np.float64))
         for number, recording in enumerate(self.recordings):
             for surface in np.unique(recording.surface[self.lit[number]]):
                 own = np.flatnonzero(self.lit[number] & (recording.surface == surface))
