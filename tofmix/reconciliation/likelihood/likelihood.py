@@ -283,10 +283,9 @@ class LostInPart(NamedTuple):
         return float((whole - there).sum())
 
 
-def _leaves(past: FloatArray) -> BoolArray:
-    """Pixels (pixel,) in which ranges (time, component, pixel), over the nearest known ones, are not known."""
-    least = 0.05  # part of a range over which noise and light hardly change
-    return np.asarray((np.abs(past - 1.0) > least).any(axis=(0, 1)))
+def _frames_of_times(mixture: Mixture) -> IntArray:
+    """Frames (time,) that use each time, at least 1."""
+    return np.maximum(np.bincount(mixture.key, minlength=len(mixture.mean)), 1)
 
 
 @dataclass(eq=False)
@@ -344,12 +343,13 @@ class Likelihood:
         mixture = replace(mixture, since=mixture.since + ahead)
         if rest is not None:
             mixture = replace(mixture, sigma=mixture.sigma * self._noise_on_way(mixture, ahead))
-        past = self._past_ranges(mixture)
-        if past is None:
+        if self.scene.model.scene is None:
             return mixture
         if state.way.noise_power:
+            since = np.bincount(mixture.key, mixture.since, minlength=len(mixture.mean))
+            past = self._past_known(mixture, since / _frames_of_times(mixture))
             mixture = replace(mixture, sigma=mixture.sigma * past**state.way.noise_power)
-        return replace(mixture, invalid=self._lost_beyond(mixture, past))
+        return replace(mixture, invalid=self._lost_beyond(mixture))
 
     def _ahead(self, mixture: Mixture, way: UnsteadyWay) -> FloatArray:
         out = np.zeros(mixture.since.size)
@@ -365,30 +365,39 @@ class Likelihood:
         So the noise does not depend on the speed beside a path. Thousands of pixels tell the noise far better than the
         speed, which a noise that goes with it would choose.
         """
-        frames = np.maximum(np.bincount(mixture.key, minlength=len(mixture.mean)), 1)
-        ahead = np.bincount(mixture.key, ahead_s, minlength=len(mixture.mean)) / frames
+        ahead = np.bincount(mixture.key, ahead_s, minlength=len(mixture.mean)) / _frames_of_times(mixture)
         sensor = self.scene.model.sensor
         noise = sensor.noise_at(sensor.integration_time_ms)
         there = mixture.true_range + mixture.rate * ahead[:, None, None]
         here = noise.sigma(mixture.true_range, mixture.amplitude)
         return np.where(mixture.rate != 0, noise.sigma(there, mixture.amplitude) / here, 1.0)
 
-    def _past_ranges(self, mixture: Mixture) -> FloatArray | None:
-        """Ranges (time, component, pixel) of what moves over the nearest one of which a measured scene tells noise."""
-        if self.scene.model.scene is None:
-            return None
+    def _past_known(self, mixture: Mixture, since_s: FloatArray) -> FloatArray:
+        """Ranges (time, component, pixel) of what moves, over the nearest one of which a measured scene tells noise.
+
+        They are those of a while (time,) after each time, s.
+        """
         known = self.scene.model.sensor.noise.range_mm
-        ranges = np.maximum(mixture.mean, 1.0)
+        ranges = np.maximum(mixture.mean + mixture.rate * since_s[:, None, None], 1.0)
         return np.where(mixture.lit & (mixture.rate != 0), ranges / np.clip(ranges, known[0], known[-1]), 1.0)
 
     def beyond(self, mixture: Mixture) -> BoolArray:
-        """Pixels (pixel,) in which what moves leaves the ranges that a measured scene tells of."""
-        past = self._past_ranges(mixture)
-        return np.zeros(mixture.invalid.shape[1], dtype=np.bool_) if past is None else _leaves(past)
+        """Pixels (pixel,) in which what moves leaves the ranges that a measured scene tells of, in any frame."""
+        out = np.zeros(mixture.invalid.shape[1], dtype=np.bool_)
+        if self.scene.model.scene is None or not mixture.rate.any():
+            return out
+        least = 0.05  # part of a range over which noise and light hardly change
+        seen = np.bincount(mixture.key, minlength=len(mixture.mean)) > 0
+        for last in (np.minimum, np.maximum):
+            since = np.zeros(len(mixture.mean))
+            since[mixture.key] = mixture.since
+            last.at(since, mixture.key, mixture.since)
+            out |= (np.abs(self._past_known(mixture, since)[seen] - 1.0) > least).any(axis=(0, 1))
+        return out
 
-    def _lost_beyond(self, mixture: Mixture, past: FloatArray) -> FloatArray:
+    def _lost_beyond(self, mixture: Mixture) -> FloatArray:
         """Shares of lost samples (time, pixel): those that are seen, in each part of the time, where none is known."""
-        there = _leaves(past)
+        there = self.beyond(mixture)
         if not there.any():
             return mixture.invalid
         invalid = mixture.invalid.copy()
@@ -398,15 +407,18 @@ class Likelihood:
 
     def lost_in_parts(self, mixture: Mixture, pixels: BoolArray) -> Iterator[LostInPart]:
         """The lost samples of some pixels in each part of the time of each recording."""
-        parts = 4
+        parts = 4  # which are the same at any number of times, of which each is in one part
         for frames in self.evidence.recordings:
             own = np.arange(frames.start, frames.stop)
-            for times in np.array_split(np.unique(mixture.key[own]), parts):
-                some = own[np.isin(mixture.key[own], times)]
-                if some.size:
-                    lost = self.evidence.samples[some][:, pixels] == 0
-                    usual = (float(lost.sum()) + 0.5) / (lost.size + 1.0)
-                    yield LostInPart(times, lost.sum(axis=0).astype(np.float64), some.size, usual)
+            key, time_s = mixture.key[own], self.evidence.time_s[own]
+            middle = np.bincount(key, time_s, minlength=len(mixture.mean)) / _frames_of_times(mixture)
+            part = np.minimum(parts * middle[key] / max(float(time_s[-1]), 1e-300), parts - 1).astype(np.int64)
+            for number in np.unique(part):
+                some = own[part == number]
+                lost = self.evidence.samples[some][:, pixels] == 0
+                usual = (float(lost.sum()) + 0.5) / (lost.size + 1.0)
+                times = np.unique(mixture.key[some])
+                yield LostInPart(times, lost.sum(axis=0).astype(np.float64), some.size, usual)
 
     def goes_beyond(self, mixture: Mixture) -> bool:
         """Whether what moves leaves the ranges of which a measured scene tells the noise."""
