@@ -211,6 +211,27 @@ def test_means_and_noise_on_a_path_do_not_depend_on_the_speed_beside_it(wall: Mo
     np.testing.assert_allclose(noise[0], noise[1], rtol=0.01)  # of times that are not the same; 0.19 by steady ways
 
 
+def test_lost_samples_on_a_path_do_not_depend_on_the_speed_beside_it(wall: Model) -> None:
+    """Pixels in which what moves leaves the known ranges have unknown shares, and a density that thousands share."""
+    likelihood = joint_likelihood([_round(wall)])
+    time_s, known = likelihood.evidence.time_s, likelihood.scene.model.sensor.noise.range_mm
+    first = likelihood.scene.mixture()
+    away_mm = 1.05 * float(known[-1]) - float(np.median(first.main_means(np.arange(first.lit.shape[2]))))
+    path_mm = away_mm * time_s / time_s[-1]  # beyond in some pixels, and not in others
+    way = UnsteadyWay(np.zeros(time_s.size), rest=0.8, path_mm=path_mm)
+    found = []
+    for speed in (300.0, 600.0, 1500.0):
+        effects = (Motion(surface="surface 0", velocity_mm_s=speed),)
+        mixture = likelihood.predicted(replace(likelihood.start(), effects=effects, way=way))
+        there = likelihood.beyond(mixture)
+        found.append((there, [(part.frames, part.nats) for part in likelihood.lost_in_parts(mixture, there)]))
+    moving = mixture.of_main(mixture.rate) != 0
+    assert 0 < found[0][0].sum() < moving.sum()
+    for there, parts in found[1:]:
+        np.testing.assert_array_equal(there, found[0][0])
+        np.testing.assert_allclose(parts, found[0][1])
+
+
 def test_pixels_that_are_left_out_say_nothing_of_random_values(wall: Model) -> None:
     """They have no sample, and no effect predicts one there: else the share would be that of all pixels."""
     model, evidence = _measured(wall, Outliers(probability=0.06))
