@@ -8,6 +8,7 @@ the whole panel.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +24,6 @@ SHAPES = ("bias", "spread", "skew", "tails")
 _ENOUGH = 200  # samples of a bin
 _CLIPPED_MEAN, _CLIPPED_SPREAD = 0.97756, 1.29675  # mean and spread of min(x^2, 2.5^2), x a standard normal number
 _TOLD = 0.5  # least part of the variance of a pixel's log width that its samples determine
-_ROOT_TWO = math.sqrt(2.0)  # of the second Hermite polynomial's norm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -219,12 +219,13 @@ def shapes(
     common = 0.0 if scene is None else scene.common_to(len(part[0]), state.memory)
     all_widths = 0.0 if scene is None else scene.common_log_width**2
     free = one_surface(m)[part[1]] | (memory_of(state) == 0)  # only pixels of one surface are freed of a memory
-    for name, power, off, wider in zip(SHAPES, hermite(z), *moves(m.shape), strict=True):
+    further = _further_moves(unknown)
+    for name, power, off, wider, more in zip(SHAPES, hermite(z), *moves(m.shape), further, strict=True):
         errors = off**2 * unknown + wider**2 * of_width + of_shares
         total: FloatArray = np.asarray(np.nansum(power, axis=0, dtype=np.float64))
-        if scene is not None and name == "spread":  # the square of a bias of this variance, and its scatter
-            total = total - count * unknown / _ROOT_TWO
-            errors = errors + unknown**2 + 2.0 * unknown / np.maximum(count, 1)
+        if scene is not None:
+            total = total - count * more.mean
+            errors = errors + more.variance + more.scatter / np.maximum(count, 1)
         for axis in axes:
             curve = _curve(name, axis, total, (count, errors), sigma_of_lit(m, part))
             shared = off**2 * common + wider**2 * all_widths
@@ -244,6 +245,28 @@ def shapes(
             unit="1",
             scale_mm=sigma[enough],
         )
+
+
+class _FurtherMoves(NamedTuple):
+    """What unknown biases do to the mean of a polynomial of a pixel's scores beyond `moves`. Arrays are (pixel,)."""
+
+    mean: FloatArray
+    variance: FloatArray
+    scatter: FloatArray
+    """Variance of each sample's polynomial, in addition to 1."""
+
+
+def _further_moves(bias: FloatArray) -> Iterator[_FurtherMoves]:
+    """Those of the four polynomials, for Gaussian scores and biases of this variance (pixel,), in sigma squared.
+
+    The polynomial of order k of z + d is a sum of those of z of orders j up to k, each times a power k - j of d.
+    """
+    nothing = np.zeros(bias.size)
+    yield _FurtherMoves(nothing, nothing, nothing)
+    yield _FurtherMoves(bias / math.sqrt(2.0), bias**2, 2.0 * bias)
+    yield _FurtherMoves(nothing, 2.5 * bias**3, 3.0 * bias + 4.5 * bias**2)
+    scatter = 4.0 * bias + 9.0 * bias**2 + 10.0 * bias**3
+    yield _FurtherMoves(3.0 * bias**2 / math.sqrt(24.0), 4.0 * bias**4, scatter)
 
 
 def widths(state: ModelState, spread: float, recording: int = 0) -> Iterator[Curve]:
