@@ -68,7 +68,7 @@ def test_missing_codes_are_unexplained_discreteness(small: Model) -> None:
     assert result.where[0].statistic == "discreteness"
 
 
-def test_value_of_neighbours_is_the_mean_of_those_on_the_same_surface_without_the_pixel() -> None:
+def test_value_of_neighbours_is_the_mean_of_those_two_pixels_away_on_the_same_surface() -> None:
     rng = np.random.default_rng(5)
     rows, cols = 5, 7
     values, surface = rng.normal(size=rows * cols), rng.integers(-1, 2, rows * cols)
@@ -77,9 +77,9 @@ def test_value_of_neighbours_is_the_mean_of_those_on_the_same_surface_without_th
         row, col = divmod(pixel, cols)
         around = [
             (r, c)
-            for r in range(max(row - 1, 0), min(row + 2, rows))
-            for c in range(max(col - 1, 0), min(col + 2, cols))
-            if (r, c) != (row, col) and surface[r * cols + c] == surface[pixel]
+            for r in range(rows)
+            for c in range(cols)
+            if max(abs(r - row), abs(c - col)) == 2 and surface[r * cols + c] == surface[pixel]
         ]
         expected = np.mean([values[r * cols + c] for r, c in around]) if around else values[pixel]
         assert found[pixel] == pytest.approx(expected)

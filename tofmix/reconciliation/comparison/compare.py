@@ -236,10 +236,12 @@ def of_losses(lost: BoolArray, expected: FloatArray, axes: Iterable[Axis]) -> In
     return {key: value for key, value in gains.items() if key[0] == "invalid"}
 
 
-def information_of(z: Float32Array, evidence: Evidence, m: Mixture, part: Part) -> Information:
+def information_of(
+    z: Float32Array, evidence: Evidence, m: Mixture, part: Part, *, measured: bool = False
+) -> Information:
     """All gains of a part's scores (frame, pixel), NaN where invalid."""
     fine = 48  # number of bins of axes that are divided by quantiles; changes within a bin are lost
-    axes = tuple(panel_axes(evidence, m, part, bins=fine))
+    axes = tuple(panel_axes(evidence, m, part, bins=fine, measured=measured))
     ok = np.isfinite(z)
     scored = Scored(
         z=np.where(ok, z, np.float32(0)),
@@ -296,7 +298,7 @@ def compare(
     for view in views(likelihood, m, part):
         own = z[view.frames] if not memory else whitened(z[view.frames], view.mixture, memory)
         own = np.clip(own[view.part[0]][:, view.part[1]], -FARTHEST_SCORE, FARTHEST_SCORE)
-        gains = information_of(own, view.evidence, view.mixture, view.part)
+        gains = information_of(own, view.evidence, view.mixture, view.part, measured=state.errors is not None)
         crossed = any(e.links_neighbours for e in (*view.scene.effects, *state.effects))
         apart = _apart(own, view) if crossed else own
         curves += [

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.reconciliation.evidence import Evidence
@@ -174,12 +175,17 @@ def panel_axes(evidence: Evidence, m: Mixture, part: Part, *, bins: int = 12, me
 
 
 def of_neighbours(values: FloatArray, surface: IntArray, image: tuple[int, int]) -> FloatArray:
-    """Mean (pixel,) of the eight neighbours that see the same surface; the pixel's own value where none does."""
-    own, of = (np.pad(v.reshape(image), 1, constant_values=-2) for v in (values, surface))
+    """Mean (pixel,) of the sixteen pixels two rows or columns away that see the same surface; the own one without any.
+
+    Those next to a pixel have its errors: amplitudes without a record are those at ranges of a pixel's neighbours.
+    """
+    away = 2  # pixels
+    own, of = (np.pad(v.reshape(image), away, constant_values=-2) for v in (values, surface))
     total, count = np.zeros(image), np.zeros(image)
     rows, cols = image
-    for down, right in ((i, j) for i in range(3) for j in range(3) if (i, j) != (1, 1)):
-        place = slice(down, down + rows), slice(right, right + cols)
+    steps = range(-away, away + 1)
+    for down, right in ((i, j) for i in steps for j in steps if max(abs(i), abs(j)) == away):
+        place = slice(away + down, away + down + rows), slice(away + right, away + right + cols)
         same = of[place] == surface.reshape(image)
         total += np.where(same, own[place], 0.0)
         count += same
@@ -413,11 +419,14 @@ def neighbours(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curv
 def discreteness(evidence: Evidence, part: Part, m: Mixture, state: ModelState) -> Iterator[Curve]:
     """Second differences of the histogram of whole mm, and its Fourier sums; 0 if the density is smooth.
 
-    If the model has a quantisation step: the share of samples off its steps.
+    A normal density of sigma bends too, as full images of a flat wall show: its second difference over 1 mm, z sigma
+    from its middle, is cosh(z / sigma) exp(-1 / 2 sigma^2) - 1 of its height. So much is no sign. If the model has a
+    quantisation step: the share of samples off its steps.
     """
     smooth_mm = 2.0  # least sigma of a density that is smooth over three mm
     use = part[1][(state.working & (m.of_main(m.sigma) > smooth_mm))[part[1]]]
-    count = np.bincount(evidence.samples[part[0]][:, use].ravel(), minlength=65_536)[1:].astype(np.float64)
+    values = evidence.samples[part[0]][:, use]
+    count = np.bincount(values.ravel(), minlength=65_536)[1:].astype(np.float64)
     if m.step > 0:
         value = np.arange(1.0, 65_536.0)
         off = float(count[np.rint(np.rint(value / m.step) * m.step) != value].sum())
@@ -437,6 +446,8 @@ def discreteness(evidence: Evidence, part: Part, m: Mixture, state: ModelState) 
     curl = count[1:-1] - (count[:-2] + count[2:]) / 2
     variance = count[1:-1] + (count[:-2] + count[2:]) / 4
     full = variance >= _ENOUGH
+    bend = np.bincount(values.ravel(), _bend(values, m.of_main(m.sigma)[use]).ravel(), minlength=65_536)
+    bend = bend[2:-1][full][::3]
     curl, variance = curl[full][::3], variance[full][::3]  # every third, so that they share no counts
     at: FloatArray = (np.flatnonzero(full) + 2.0)[::3].astype(np.float64)
     yield Curve(
@@ -445,10 +456,21 @@ def discreteness(evidence: Evidence, part: Part, m: Mixture, state: ModelState) 
         lower=at,
         upper=at + 1,
         value=curl / variance,
-        variance=1.0 / variance,
+        variance=(1.0 + bend**2 / variance) / variance,
         unit="mm",
         scale_mm=np.ones(at.size),
     )
+
+
+def _bend(values: NDArray[np.uint16], sigma: FloatArray) -> FloatArray:
+    """Second difference over 1 mm of each pixel's normal density at its samples (frame, pixel), over its height."""
+    seen = np.where(values > 0, values, np.nan)
+    some = (values > 0).any(axis=0)
+    middle = np.zeros(sigma.size)
+    middle[some] = np.nanmedian(seen[:, some], axis=0)
+    far = 5.0  # sigma, beyond which samples are others
+    z = np.clip(np.nan_to_num(seen - middle) / sigma, -far, far)
+    return np.asarray(np.abs(np.cosh(z / sigma) * np.exp(-0.5 / sigma**2) - 1.0))
 
 
 _PERIODS = range(2, 17)  # mm
