@@ -1,4 +1,4 @@
-"""Curves of the panel whose null is worked out here: waves over whole mm, and lines of few frames."""
+"""Curves of the panel whose null is worked out here: means of polynomials, waves over whole mm, lines of few frames."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -8,9 +8,10 @@ import pytest
 from support.recordings import Record, recorded
 
 from tofmix.reconciliation.comparison.compare import compare
-from tofmix.reconciliation.comparison.panel import Curve, of_neighbours
+from tofmix.reconciliation.comparison.panel import Curve, bend, further_moves, of_neighbours
 from tofmix.reconciliation.comparison.panel_parts import lines
 from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.likelihood.error_shape import hermite
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.workflow import reconcile
@@ -83,6 +84,28 @@ def test_value_of_neighbours_is_the_mean_of_those_two_pixels_away_on_the_same_su
         ]
         expected = np.mean([values[r * cols + c] for r, c in around]) if around else values[pixel]
         assert found[pixel] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("variance", [0.05, 0.125])
+def test_polynomials_of_pixels_with_unknown_biases_have_these_means_and_variances(variance: float) -> None:
+    """Against draws; a skew of 20 frames beside a reference of 20 varies by a sixth more than by its frames alone."""
+    rng, frames, pixels = np.random.default_rng(4), 20, 100_000
+    bias = rng.normal(0.0, np.sqrt(variance), pixels)
+    z = (rng.standard_normal((frames, pixels)) + bias).astype(np.float32)
+    first = (variance, 0.0, 0.0, 0.0)
+    for order, (power, more) in enumerate(zip(hermite(z), further_moves(np.array([variance])), strict=True)):
+        means = power.mean(axis=0, dtype=np.float64)
+        expected = first[order] + more.variance[0] + (1.0 + more.scatter[0]) / frames
+        assert means.var() == pytest.approx(expected, rel=0.04)
+        assert means.mean() == pytest.approx(more.mean[0], abs=5 * np.sqrt(expected / pixels))
+
+
+def test_bend_of_a_pixel_is_that_of_its_normal_density() -> None:
+    sigma = np.array([2.2, 3.0, 8.0])
+    values = np.add.outer(np.arange(-6, 7), np.full(3, 700)).astype(np.uint16)
+    away = values.astype(np.float64) - 700
+    density = [np.exp(-0.5 * ((away + step) / sigma) ** 2) for step in (-1, 0, 1)]
+    np.testing.assert_allclose(bend(values, sigma), np.abs((density[0] + density[2]) / (2 * density[1]) - 1))
 
 
 @pytest.mark.parametrize("frames", [4, 8, 30])

@@ -225,7 +225,7 @@ def shapes(
     common = 0.0 if scene is None else scene.common_to(len(part[0]), state.memory)
     all_widths = 0.0 if scene is None else scene.common_log_width**2
     free = one_surface(m)[part[1]] | (memory_of(state) == 0)  # only pixels of one surface are freed of a memory
-    further = _further_moves(unknown)
+    further = further_moves(unknown)
     for name, power, off, wider, more in zip(SHAPES, hermite(z), *moves(m.shape), further, strict=True):
         errors = off**2 * unknown + wider**2 * of_width + of_shares
         total: FloatArray = np.asarray(np.nansum(power, axis=0, dtype=np.float64))
@@ -253,7 +253,7 @@ def shapes(
         )
 
 
-class _FurtherMoves(NamedTuple):
+class FurtherMoves(NamedTuple):
     """What unknown biases do to the mean of a polynomial of a pixel's scores beyond `moves`. Arrays are (pixel,)."""
 
     mean: FloatArray
@@ -262,17 +262,17 @@ class _FurtherMoves(NamedTuple):
     """Variance of each sample's polynomial, in addition to 1."""
 
 
-def _further_moves(bias: FloatArray) -> Iterator[_FurtherMoves]:
+def further_moves(bias: FloatArray) -> Iterator[FurtherMoves]:
     """Those of the four polynomials, for Gaussian scores and biases of this variance (pixel,), in sigma squared.
 
     The polynomial of order k of z + d is a sum of those of z of orders j up to k, each times a power k - j of d.
     """
     nothing = np.zeros(bias.size)
-    yield _FurtherMoves(nothing, nothing, nothing)
-    yield _FurtherMoves(bias / math.sqrt(2.0), bias**2, 2.0 * bias)
-    yield _FurtherMoves(nothing, 2.5 * bias**3, 3.0 * bias + 4.5 * bias**2)
+    yield FurtherMoves(nothing, nothing, nothing)
+    yield FurtherMoves(bias / math.sqrt(2.0), bias**2, 2.0 * bias)
+    yield FurtherMoves(nothing, 2.5 * bias**3, 3.0 * bias + 4.5 * bias**2)
     scatter = 4.0 * bias + 9.0 * bias**2 + 10.0 * bias**3
-    yield _FurtherMoves(3.0 * bias**2 / math.sqrt(24.0), 4.0 * bias**4, scatter)
+    yield FurtherMoves(3.0 * bias**2 / math.sqrt(24.0), 4.0 * bias**4, scatter)
 
 
 def widths(state: ModelState, spread: float, recording: int = 0) -> Iterator[Curve]:
@@ -446,8 +446,8 @@ def discreteness(evidence: Evidence, part: Part, m: Mixture, state: ModelState) 
     curl = count[1:-1] - (count[:-2] + count[2:]) / 2
     variance = count[1:-1] + (count[:-2] + count[2:]) / 4
     full = variance >= _ENOUGH
-    bend = np.bincount(values.ravel(), _bend(values, m.of_main(m.sigma)[use]).ravel(), minlength=65_536)
-    bend = bend[2:-1][full][::3]
+    bent = np.bincount(values.ravel(), bend(values, m.of_main(m.sigma)[use]).ravel(), minlength=65_536)
+    bent = bent[2:-1][full][::3]
     curl, variance = curl[full][::3], variance[full][::3]  # every third, so that they share no counts
     at: FloatArray = (np.flatnonzero(full) + 2.0)[::3].astype(np.float64)
     yield Curve(
@@ -456,13 +456,13 @@ def discreteness(evidence: Evidence, part: Part, m: Mixture, state: ModelState) 
         lower=at,
         upper=at + 1,
         value=curl / variance,
-        variance=(1.0 + bend**2 / variance) / variance,
+        variance=(1.0 + bent**2 / variance) / variance,
         unit="mm",
         scale_mm=np.ones(at.size),
     )
 
 
-def _bend(values: NDArray[np.uint16], sigma: FloatArray) -> FloatArray:
+def bend(values: NDArray[np.uint16], sigma: FloatArray) -> FloatArray:
     """Second difference over 1 mm of each pixel's normal density at its samples (frame, pixel), over its height."""
     seen = np.where(values > 0, values, np.nan)
     some = (values > 0).any(axis=0)
