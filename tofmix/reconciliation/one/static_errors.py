@@ -111,7 +111,7 @@ class StaticErrors:
         weighed = self._weigh(vectors)
         pulled = self._pull(weighed)
         n = len(vectors)
-        inner: FloatArray = weighed.reshape(n, -1) @ vectors.reshape(n, self.weight.size).T
+        inner: FloatArray = weighed.reshape(n, self.weight.size) @ vectors.reshape(n, self.weight.size).T
         return inner - pulled.T @ cho_solve(self._root, pulled, check_finite=False)
 
     def square(self, bias_mm: FloatArray) -> float:
