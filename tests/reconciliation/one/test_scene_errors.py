@@ -232,6 +232,25 @@ def test_lost_samples_on_a_path_do_not_depend_on_the_speed_beside_it(wall: Model
         np.testing.assert_allclose(parts, found[0][1])
 
 
+def test_pixels_that_are_left_out_say_nothing_of_lost_samples_where_a_thing_goes(wall: Model) -> None:
+    """They have no sample: else each other pixel would have a part of their losses where no share is known."""
+    model, evidence = _round(wall)
+    assert model.scene is not None
+    lost = model.scene.lost.copy()
+    lost[:, ::2] = 1.0
+    some = replace(model, scene=replace(model.scene, lost=lost))
+    samples = np.where(lost.ravel() < 1.0, evidence.samples, 0).astype(np.uint16)
+    likelihood = joint_likelihood([(some, replace(evidence, samples=samples))])
+    time_s, speed = likelihood.evidence.time_s, 2000.0
+    way = UnsteadyWay(np.zeros(time_s.size), rest=0.8)
+    effects = (Motion(surface="surface 0", velocity_mm_s=speed),)
+    mixture = likelihood.predicted(replace(likelihood.start(), effects=effects, way=way))
+    there = likelihood.beyond(mixture)
+    assert there.any()
+    assert not there[lost.ravel() == 1.0].any()
+    assert mixture.invalid[:, there].mean() < 0.01
+
+
 def test_pixels_that_are_left_out_say_nothing_of_random_values(wall: Model) -> None:
     """They have no sample, and no effect predicts one there: else the share would be that of all pixels."""
     model, evidence = _measured(wall, Outliers(probability=0.06))

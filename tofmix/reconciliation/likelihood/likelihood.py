@@ -382,7 +382,10 @@ class Likelihood:
         return np.where(mixture.lit & (mixture.rate != 0), ranges / np.clip(ranges, known[0], known[-1]), 1.0)
 
     def beyond(self, mixture: Mixture) -> BoolArray:
-        """Pixels (pixel,) in which what moves leaves the ranges that a measured scene tells of, in any frame."""
+        """Pixels (pixel,) in which what moves leaves the ranges that a measured scene tells of, in any frame.
+
+        Those of which nothing is known, and so no sample is predicted, are none of them.
+        """
         out = np.zeros(mixture.invalid.shape[1], dtype=np.bool_)
         if self.scene.model.scene is None or not mixture.rate.any():
             return out
@@ -393,7 +396,7 @@ class Likelihood:
             since[mixture.key] = mixture.since
             last.at(since, mixture.key, mixture.since)
             out |= (np.abs(self._past_known(mixture, since)[seen] - 1.0) > least).any(axis=(0, 1))
-        return out
+        return np.asarray(out & (mixture.invalid < 1.0).any(axis=0))
 
     def _lost_beyond(self, mixture: Mixture) -> FloatArray:
         """Shares of lost samples (time, pixel): those that are seen, in each part of the time, where none is known."""
