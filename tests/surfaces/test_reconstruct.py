@@ -129,6 +129,37 @@ def test_fine_ranges_lie_on_the_planes_of_their_surfaces() -> None:
     assert near.all()
 
 
+def _with_false_layer(layers: Layers, row: int, col: int, share: float) -> Layers:
+    """Layers whose pixel (row, col) has a second layer behind the first, as noise makes one in a thousand."""
+    changed = {spec.name: getattr(layers, spec.name).copy() for spec in layers.fields}
+    for name, values in changed.items():
+        if values.ndim == 3:
+            changed[name] = np.concatenate([values, np.full_like(values[..., :1], np.nan)], axis=-1)
+            changed[name][row, col, 1] = values[row, col, 0]
+    changed["n_modes"][row, col] = 2
+    changed["range"][row, col, 1] *= 1.02
+    changed["weight"][row, col, :2] *= (1.0 - share, share)
+    changed["weight_stderr"][row, col, :2] = np.sqrt(share * (1.0 - share) / layers.n_samples[row, col])
+    return Layers(**changed)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2, 0.5, 0.65])
+def test_false_layer_of_one_pixel_of_a_wall_is_no_edge(share: float) -> None:
+    layers = counted(scene([wall(3000.0)], SMALL), 25, 1)
+    found = reconstruct(_with_false_layer(layers, 20, 30, share), camera(SMALL))
+    assert (found.surface[20, 30, :2] == (0, NO_SURFACE)).all()  # not of the wall
+    assert len(found.edges) == 0
+
+
+def test_false_layer_far_from_a_boards_edge_leaves_its_line_as_it_is() -> None:
+    layers = counted(scene([facing(SMALL, 23.0, 29.0, 1800.0, size_pixels=(24.0, 18.0)), wall(3000.0)], SMALL), 100, 1)
+    before = reconstruct(layers, camera(SMALL)).edges
+    after = reconstruct(_with_false_layer(layers, 3, 5, 0.2), camera(SMALL)).edges
+    assert len(before) > 50
+    assert np.array_equal(before.row, after.row)
+    assert np.array_equal(before.stderr, after.stderr, equal_nan=True)
+
+
 def test_undecided_pixels_get_the_surfaces_of_their_neighbours() -> None:
     one = scene([facing(SMALL, 23.0, 20.0, 1800.0, size_pixels=(20.3, 200.0)), wall(3000.0)], SMALL)
     layers = counted(one, 100, 5)

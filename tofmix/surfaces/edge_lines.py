@@ -104,6 +104,9 @@ _NOTHING = 1.0e-9
 def trace(cuts: Cuts, regions: FloatArray, kept: int) -> Edges:
     """Trace the edges of a window.
 
+    A line of unknown error throughout is left out. No share around it agrees with an edge, so nothing says that a
+    surface ends there: one pixel may have a false layer, or see a speck.
+
     Parameters
     ----------
     cuts : Cuts
@@ -119,7 +122,9 @@ def trace(cuts: Cuts, regions: FloatArray, kept: int) -> Edges:
     if not len(pieces):
         return no_edges()
     follower = _followers(pieces, cuts.near[owner])
-    return _edges(pieces, owner, cuts, _chains(follower))
+    known = np.isfinite(pieces[:, 6])
+    lines = [chain for chain in _chains(follower) if known[chain].any()]
+    return _edges(pieces, owner, cuts, lines) if lines else no_edges()
 
 
 @jit

@@ -61,7 +61,8 @@ SHAPE, FIRST, SECOND, THIRD_EDGE = 0, 1, 6, 11  # columns at which they begin
 DOWN, RIGHT, AT, BEND, VARIANCE = range(5)
 REGION_COLUMNS = 16
 """An edge is the place where y - BEND (y^2 + s^2) / 2 = 0, with y = DOWN u + RIGHT v - AT
-across it, (DOWN, RIGHT) of length 1, and s along it; VARIANCE is that of AT."""
+across it, (DOWN, RIGHT) of length 1, and s along it; VARIANCE is that of AT, NaN where the shares do not agree with the
+edge: the error of a fit holds only if the fit does."""
 
 
 @jit
@@ -135,10 +136,11 @@ def _own_region(fit: FloatArray, region: FloatArray) -> None:
     region[SHAPE] = BOTH if kind == BAR else ONE
     region[FIRST + DOWN], region[FIRST + RIGHT], region[FIRST + AT] = down, right, fit[OFFSET]
     region[FIRST + BEND] = fit[THIRD] if kind == ARC else 0.0
-    region[FIRST + VARIANCE] = fit[VAR_OFFSET]
+    agrees = fit[AGREES] > 0.0
+    region[FIRST + VARIANCE] = fit[VAR_OFFSET] if agrees else np.nan
     if kind == BAR:
         region[SECOND + DOWN], region[SECOND + RIGHT], region[SECOND + AT] = -down, -right, -fit[THIRD]
-        region[SECOND + VARIANCE] = fit[VAR_THIRD]
+        region[SECOND + VARIANCE] = fit[VAR_THIRD] if agrees else np.nan
 
 
 @jit
