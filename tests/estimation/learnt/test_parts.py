@@ -14,7 +14,8 @@ from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_cl
 from tofmix.estimation.learnt.folds import whole_fold
 from tofmix.estimation.learnt.learning import learn_pixel_noise
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.parts import PARTS, beta_prior, shrunken, width_scale, with_part, without_part
+from tofmix.estimation.learnt.parts import PARTS, beta_prior, freed, shrunken, width_scale, with_part, without_part
+from tofmix.estimation.learnt.sigma_curve import FREE_WIDTH
 from tofmix.estimation.noise.isolated_clusters import Clusters
 from tofmix.estimation.noise.training_pixels import Pixels
 from tofmix.estimation.settings import EstimateOptions, SigmaMode
@@ -146,6 +147,24 @@ def test_widths_and_drifts_of_clusters_are_those_that_were_drawn(rng: np.random.
     error = fits.drift[:, 0] - slope[clusters.pixel]
     assert np.std(error / width[clusters.pixel]) == pytest.approx(SIGMA_MM * np.sqrt(3.0 / FRAMES), rel=0.25)
     np.testing.assert_allclose(fits.drift[:, 1:], 0.0, atol=1e-12)
+
+
+def test_freed_log_widths_are_those_of_the_samples_alone(rng: np.random.Generator) -> None:
+    frames = 25
+    width = np.exp(0.3 * rng.standard_normal(PIXELS))
+    samples = surfaces(rng, (frames, PIXELS), (2000.0,), width=width)
+    clusters, fits = _fits(samples, pixel_noise(width_spread=FREE_WIDTH))
+    alone = np.log(samples.std(axis=0)[clusters.pixel])  # the most likely width of a Gaussian
+    found = freed(fits.log_width, 0.5 / fits.support)
+    assert np.polyfit(alone, found, 1)[0] == pytest.approx(1.0, abs=0.03)
+
+
+def test_spread_of_widths_is_found_in_few_frames(rng: np.random.Generator) -> None:
+    # The prior under which widths are measured takes a tenth of each away: the spread was a fifth too small.
+    samples = surfaces(rng, (25, 1500), (2000.0,), width=np.exp(0.3 * rng.standard_normal(1500)))
+    learnt = with_part(whole_fold(Pixels(samples=of_pixels(samples)), CAMERA), pixel_noise(), "widths")
+    assert learnt is not None
+    assert learnt.curve.width_spread == pytest.approx(0.3, rel=0.15)  # the scales that are tried are 14 % apart
 
 
 def test_a_second_surface_gains_where_there_is_one(rng: np.random.Generator) -> None:

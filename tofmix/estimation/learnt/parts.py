@@ -179,12 +179,22 @@ def _with_widths(fold: Fold, noise: PixelNoise, clusters: Clusters) -> PixelNois
     fits = fold.fits(replace(noise, curve=replace(noise.curve, width_spread=FREE_WIDTH)), clusters)
     variance = 1.0 / (noise.laws()[0].width_information * np.maximum(fits.support, 1.0))
     variance *= (1.0 + fold.rounding_variance(fits.place, fits.sigma)) ** 2
-    scale = width_scale(fits.log_width - float(np.median(fits.log_width)), np.asarray(variance))
+    log_width = freed(fits.log_width, np.asarray(variance))
+    scale = width_scale(log_width - float(np.median(log_width)), np.asarray(variance))
     if scale is not None:
         scale = _beside_pairs(fold, noise, clusters, fits, scale)
     if scale is None:
         return None
     return replace(noise, curve=replace(noise.curve, width_spread=scale / SCALE_OF_SPREAD))
+
+
+def freed(log_width: FloatArray, variance: FloatArray) -> FloatArray:
+    """Most likely log widths (n,) of the samples alone, of those fitted with the prior of `FREE_WIDTH`.
+
+    Where a fit ends, the slopes of the samples' log likelihood, a parabola of this variance, and of the prior cancel.
+    """
+    precision = [precision_of_t(value, SCALE_OF_SPREAD * FREE_WIDTH) for value in log_width.tolist()]
+    return np.asarray(log_width * (1.0 + variance * np.array(precision)))
 
 
 def _beside_pairs(fold: Fold, noise: PixelNoise, clusters: Clusters, fits: ClusterFits, scale: float) -> float | None:
@@ -251,7 +261,8 @@ def shrunken_effects(fold: Fold, noise: PixelNoise) -> FloatArray:
     if wide:
         variance = (1.0 + noise.memory**2) / (1.0 - noise.memory**2) / (law.width_information * support)
         variance *= (1.0 + fold.rounding_variance(fits.place, fits.sigma)) ** 2
-        out[:, 0] = shrunken(fits.log_width - float(np.median(fits.log_width)), variance)
+        log_width = freed(fits.log_width, variance)
+        out[:, 0] = shrunken(log_width - float(np.median(log_width)), variance)
     width = np.exp(fits.log_width) * fits.sigma
     for d in np.flatnonzero(moves):
         variance = slow * (2.0 * d + 3.0) * width**2 / (law.information * support)
