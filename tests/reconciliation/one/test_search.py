@@ -40,6 +40,20 @@ def test_a_set_that_no_camera_has_stands_if_it_is_clearly_more_likely_than_all_t
     assert found.best_named is named
 
 
+def test_parts_of_a_set_have_nine_tenths_of_its_evidence_and_the_best_is_the_first() -> None:
+    """If the best part does not stand the tests, the next one may."""
+    sets = [_set(0.0), _set(950.0, "a"), _set(500.0, "b"), _set(970.0, "a", "b"), _set(990.0, "a", "c", named=False)]
+    whole = _set(1000.0, "a", "b", "c")
+    task: Any = None
+    found = FoundSets(task, lambda _: None, Ledger(), {s.keys: s for s in (*sets, whole)})
+    assert [sorted(s.names) for s in found.most_of(whole, frozenset({("c", "")}))] == [
+        [("a", ""), ("b", "")],
+        [("a", "")],
+    ]
+    assert [sorted(s.names) for s in found.most_of(whole, frozenset({("b", "")}))] == [[("a", "")]]
+    assert not found.most_of(whole, frozenset({("a", "")}))
+
+
 def test_closing_step_finds_the_neighbour_that_is_better(make_task: MakeTask) -> None:
     task = make_task(KINDS, MAKE["range_offset"](offset_mm=6.0), MAKE["excess_noise"](factor=1.5))
     null = FittedSet.without_effects(task).fit()

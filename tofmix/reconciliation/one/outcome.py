@@ -6,7 +6,7 @@ one with a contradicted member gives way to the next, and one that leaves a devi
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -64,11 +64,9 @@ def named(
         if verified.verdict == "agree":
             return given, verified
     extend(found)
-    if found.beside_law is not None:
-        added = as_added(found, found.beside_law)
-        verified = verify(likelihood, added, settings)
-        if verified.verdict != "unexplained":
-            return added, verified
+    beside_law = _standing(found, found.beside_law)
+    if beside_law is not None:
+        return beside_law
     best = found.answer
     added = as_added(found, best)
     verified = verify(likelihood, added, settings)
@@ -85,12 +83,18 @@ def named(
     if verified.against:
         _refuse(forms, why)
     bad = (added.chosen[k].name for k in (*verified.findings.refused, *(c.number for c in verified.against)))
-    less = found.most_of(best, frozenset(bad))
-    if less is None or less.names == best.names:
-        return added, verified
-    other = as_added(found, less)
-    judged = verify(likelihood, other, settings)
-    return (added, verified) if judged.verdict == "unexplained" else (other, judged)
+    parts = (part for part in found.most_of(best, frozenset(bad)) if part.names != best.names)
+    return _standing(found, parts) or (added, verified)
+
+
+def _standing(found: FoundSets, parts: Iterable[FittedSet]) -> tuple[Added, Verified] | None:
+    """The first of some parts of a set that explains a part of the recording by itself; None without one."""
+    for part in parts:
+        added = as_added(found, part)
+        verified = verify(found.task.likelihood, added, found.task.settings)
+        if verified.verdict != "unexplained":
+            return added, verified
+    return None
 
 
 def _refuse(forms: Sequence[FittedSet], why: str) -> None:
@@ -152,7 +156,7 @@ def as_added(found: FoundSets, best: FittedSet) -> Added:
         panel=_panel(best, state),
         considered=considered(found, best),
         law=found.law,
-        faint_law=best is found.beside_law,
+        faint_law=best in found.beside_law,
         score=best.score,
     )
 

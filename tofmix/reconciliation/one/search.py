@@ -90,23 +90,22 @@ class FoundSets:
         return next(law.surface for law in best.laws if not law.named)
 
     @property
-    def beside_law(self) -> FittedSet | None:
-        """The named members of the best set, if they have nearly all of its evidence beside the law that has no name.
+    def beside_law(self) -> tuple[FittedSet, ...]:
+        """The named parts of the best set that have nearly all of its evidence beside the law that has no name.
 
         No camera follows the laws of the effects exactly, so that a faint law is what a strong effect leaves.
         """
         if self.law is None:
-            return None
+            return ()
         return self.most_of(self.best, frozenset(law.name for law in self.best.laws if not law.named))
 
-    def most_of(self, of: FittedSet, without: frozenset[Named]) -> FittedSet | None:
-        """The best set of members of another one, without some, if it has nearly all of its evidence."""
+    def most_of(self, of: FittedSet, without: frozenset[Named]) -> tuple[FittedSet, ...]:
+        """The sets of members of another one, without some, that have nearly all of its evidence; the best first."""
         parts = (s for s in self.table.values() if s.names and s.names <= of.names - without and s.named)
-        less = max(parts, key=lambda s: s.score, default=None)
-        if less is None or not math.isfinite(less.score):
-            return None
         nothing = self.table[frozenset()].evidence
-        return less if less.evidence - nothing > MOSTLY * (of.evidence - nothing) else None
+        least = nothing + MOSTLY * (of.evidence - nothing)
+        nearly = (s for s in parts if math.isfinite(s.score) and s.evidence > least)
+        return tuple(sorted(nearly, key=lambda s: -s.score))
 
     def fit_best(self, proposals: Iterable[Proposal], keep: Callable[[Proposal], bool]) -> None:
         """Fit the proposals of the highest predicted scores, the best one at its start first: others may end early."""
