@@ -355,16 +355,12 @@ def measured_scene(
     lost = (np.where(np.isfinite(lost), lost, 0.0) * frames + worth * usual) / (frames + worth)
     lost = np.where(told, lost, 1.0)  # of other pixels nothing is known, and no sample is predicted
     own, planes = _planes(range_mm, there, surface, camera)
-    memory = 0.0 if sensor.learnt is None else sensor.learnt.memory
-    width = layers.sigma[:, :, seen].astype(np.float64) / curve
-    if spread:
-        width *= np.exp(_log_width_lost(samples, spread, memory))[:, :, None]
-    return camera, MeasuredScene(
+    scene = MeasuredScene(
         range_mm=range_mm,
         share=np.where(there, weight / whole[:, :, None], np.nan),
         no_return=nothing / whole,
         amplitude=amplitude,
-        width=np.where(there, width, np.nan),
+        width=np.where(there, layers.sigma[:, :, seen].astype(np.float64) / curve, np.nan),
         lost=lost,
         lost_worth=worth,
         surface=own,
@@ -374,7 +370,7 @@ def measured_scene(
         range_error_mm=layers.range_stderr[:, :, seen].astype(np.float64),
         width_spread=spread or USUAL_SPREAD,
         recorded_spread=spread,
-        memory=memory,
+        memory=0.0 if sensor.learnt is None else sensor.learnt.memory,
         frame_noise=table.frame_noise,
         walks=table.walks,
         range_max_mm=table.range_max_mm,
@@ -383,16 +379,19 @@ def measured_scene(
         layers_path=table.layers_path,
         surfaces_path=table.surfaces_path,
     )
+    return camera, _with_mean_widths(scene)
 
 
-def _log_width_lost(samples: NDArray[np.int64], spread: float, memory: float) -> FloatArray:
-    """By how much the most likely logarithm (row, col) of a pixel's own width is below its posterior mean.
+def _with_mean_widths(scene: MeasuredScene) -> MeasuredScene:
+    """The scene with the posterior means of the logarithms of widths; those of its layers are the most likely ones.
 
     The mean of n samples takes one degree of freedom of their variance, and the logarithm of a chi-square of n - 1 is
-    1 / (n - 1) below that of its mean on average: together 1 / n of sigma, of which the prior leaves a part.
+    1 / (n - 1) below that of its mean on average: together 1 / n of sigma. With a prior it is less, by as much as the
+    variance of the logarithm, 1 / 2 n without one. Widths that are all alike are those of the curve.
     """
-    told = 2.0 * samples * (1.0 - memory) / (1.0 + memory)
-    return np.asarray(2.0 / (told + spread**-2))
+    if not scene.recorded_spread:
+        return scene
+    return replace(scene, width=scene.width * np.exp(2.0 * scene.width_error() ** 2)[:, :, None])
 
 
 def _usual_loss(lost: FloatArray, frames: int) -> tuple[float, float]:

@@ -423,10 +423,6 @@ class Likelihood:
                 times = np.unique(mixture.key[some])
                 yield LostInPart(times, lost.sum(axis=0).astype(np.float64), some.size, usual)
 
-    def goes_beyond(self, mixture: Mixture) -> bool:
-        """Whether what moves leaves the ranges of which a measured scene tells the noise."""
-        return bool(self.beyond(mixture).any())
-
     def with_errors(self, mixture: Mixture, state: ModelState) -> Mixture:
         """What a state's effects predict, with its widths of pixels and its shifts of surfaces."""
         if state.shifts is not None:

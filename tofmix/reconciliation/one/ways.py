@@ -191,7 +191,7 @@ def _with_power(task: SearchTask, state: ModelState, bias_mm: FloatArray) -> Mod
     """
     like, way = task.likelihood, state.way
     given = like.mixture(state)
-    if way is None or not like.goes_beyond(given):
+    if way is None or not like.beyond(given).any():
         return state
     grid = np.linspace(0.0, 3.0, 7)
     nats = []
